@@ -42,6 +42,8 @@ ROOM = ROUND + 5
 """Corners of a polygon that the four sides of a cone have cut."""
 EDGE_ON = 1e-12
 """Sine of the angle between line of sight and face: below, the face is seen edge-on, and has no side to see."""
+CERTAIN = 1e-9
+"""Likewise, and height of a face over its longest edge: below, rounding may decide what is seen of the face."""
 TOUCHING = 1e-12
 """Radii of the mesh's bounding sphere: what is nearer to a face's plane lies in it."""
 DEEP = 300.0
@@ -73,7 +75,7 @@ def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatA
 def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
     """Return the share of each face's area that each eye (k, 3) sees, (k, f), exact but for rounding.
 
-    NaN for a face without area or seen edge-on, and for all faces where the eye lies on one.
+    NaN for a face that is not `CERTAIN`, and for all faces where the eye lies on one.
     """
     bvh, shares = build_bvh(mesh, contact), np.empty((len(eyes), len(mesh.faces)))
     for eye, share in zip(eyes, shares, strict=True):
@@ -84,14 +86,15 @@ def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
 
 
 def _has_a_side(mesh: Mesh, eye: FloatArray, contact: float) -> BoolArray:
-    """Which faces (f,) an eye sees from one side; none where it lies on a face: in its plane, and in its box."""
+    """Which faces (f,) an eye surely sees from one side; none where it lies on a face: in its plane, and in its box."""
     corners = mesh.corners - eye
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sizes, reach = np.linalg.norm(normals, axis=1), np.linalg.norm(corners[:, 0], axis=1)
     heights = np.abs(np.einsum("fi,fi->f", normals, corners[:, 0]))
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     within = (corners.min(axis=1) <= contact) & (corners.max(axis=1) >= -contact)
     lies_on = (heights <= FLAT * contact * sizes) & within.all(axis=1)
-    return (heights > EDGE_ON * sizes * reach) & ~lies_on.any()
+    return (heights > CERTAIN * sizes * reach) & (sizes > CERTAIN * longest**2) & ~lies_on.any()
 
 
 def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:

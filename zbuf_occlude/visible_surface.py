@@ -88,7 +88,7 @@ def visible_faces(
     exactly : bool
         Cut the faces along the edges of the shadows, as `visible_mesh` does: exact but for rounding, and where another
         face is nearer than the contact tolerance. Within 1e-9 of all or nothing is all or nothing. Still sampled are
-        faces seen edge-on, and all faces for an eye that lies on one.
+        faces that are edge-on, or needles, by 1e-9; and all faces for an eye in the plane and the box of one.
     method : str
         A name of the table of methods. Answers of an exact method have the sampling's error alone.
     **options
@@ -189,8 +189,10 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
 
     Parameters
     ----------
-    mesh, eyes
-        As in `visible_faces`.
+    mesh : Mesh
+        Or anything that is one (`occlude`).
+    eyes : (3,) or (k, 3) float
+        World space.
     contact : float
         Contact tolerance, diagonals of the mesh's box.
 

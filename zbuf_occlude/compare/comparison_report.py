@@ -1,6 +1,7 @@
 """The report of a comparison: report.html (one self-contained file), report.md and plots, from stored rows alone."""
 
 import base64
+import math
 import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise, product
@@ -482,8 +483,9 @@ def _pooled(rows: Sequence[Row], subject: str, key: str) -> tuple[list[float], l
                 pair = totals.setdefault(one["upto"], [0, 0])
                 pair[0] += one["n"]
                 pair[1] += one["false_visible"] + one["false_hidden"]
-    errors = [wrong / n if wrong else float("nan") for n, wrong in totals.values()]
-    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in totals]
+    bins = sorted(totals, key=lambda upto: math.inf if upto is None else upto)
+    errors = [totals[upto][1] / totals[upto][0] if totals[upto][1] else math.nan for upto in bins]
+    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in bins]
 
 
 def time_against_size(rows: Sequence[Row]) -> Figure:

@@ -142,7 +142,7 @@ class Clouds:
 
     def keep(self, sampling: Sampling, key: str, variation: int) -> Records:
         """Draw the clouds of one sampling of a mesh."""
-        return gather_clouds(*sampling[:3], self._plan.recipe, key, variation)
+        return gather_clouds(sampling.points, sampling.mask, sampling.views, self._plan.recipe, key, variation)
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[Records]) -> None:
         """Take all clouds of a mesh."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.plan import Numbers, Plan, Recipe
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
@@ -80,10 +80,11 @@ class Source:
 def open_dataset(folder: Path, recipe: Recipe | None = None) -> Source:
     """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError.
 
-    Those of a packed one are drawn by another `recipe`, where one is given.
+    Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change.
     """
     plan, manifest = read_finished(folder)
     if recipe is not None:
+        assert plan.format == PACKED
         plan = replace(plan, recipe=recipe)
     row = find_format(plan.format)
     if row.exported_from:

@@ -184,8 +184,10 @@ def _scan_again(
     for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
         entry = remade.meshes[mesh_id]
         try:
-            found = enumerate(samplings(remade, entry.load(), mesh_id, None))
-            kept = [gather_clouds(*sampling[:3], plan.recipe, entry.key, variation) for variation, sampling in found]
+            kept = [
+                gather_clouds(each.points, each.mask, each.views, plan.recipe, entry.key, variation)
+                for variation, each in enumerate(samplings(remade, entry.load(), mesh_id, None))
+            ]
         except (MeshError, OptionError) as error:
             verdict.faults.append(str(error))
             continue

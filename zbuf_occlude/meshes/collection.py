@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, overload
 from unicodedata import decimal
@@ -288,8 +288,11 @@ def _unreadable(folder: Path) -> Mesh:
 
 
 def _free(key: str, taken: dict[str, MeshEntry]) -> str:
-    numbered = (f"{key}~{number}" for number in count(2))
-    return next(free for free in chain([key], numbered) if free not in taken)
+    number, free = 1, key
+    while free in taken:
+        number += 1
+        free = f"{key}~{number}"
+    return free
 
 
 def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:

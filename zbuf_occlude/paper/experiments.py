@@ -397,6 +397,8 @@ class Augmentation(Experiment):
         try:
             return super()._make(name, plan, progress)
         except (GlError, UnavailableError) as error:
+            if name == ORIGINAL:
+                raise
             self.missing[name] = str(error)
             progress(plan.n_clouds)  # there will be none to wait for
             return {}

@@ -66,9 +66,11 @@ class Rays:
         if self.origins is not None:
             checked["origins"] = sealed(as_vectors(self.origins, "origins"))
         if self.times is not None:
-            checked["times"] = sealed(np.asarray(self.times, dtype=np.float64))
-            if checked["times"].ndim != 1 or not np.isfinite(checked["times"]).all():
-                raise ArgumentError(f"times must be finite numbers, (n,); got {checked['times'].shape}.")
+            checked["times"] = times = sealed(np.asarray(self.times, dtype=np.float64))
+            if times.ndim != 1:
+                raise ArgumentError(f"times must be one number per direction ({len(directions)}); got {times.shape}.")
+            if not np.isfinite(times).all():
+                raise ArgumentError(f"times must be finite; row {int(np.isfinite(times).argmin())} is not.")
         for name, values in checked.items():
             if len(values) != len(directions):
                 raise ArgumentError(f"{name} must be one per direction ({len(directions)}); got {len(values)}.")

@@ -1,7 +1,7 @@
 """Views: where cameras stand, how they are turned, and what their pictures show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -155,7 +155,7 @@ class Views(Sealed):
 
     def select(self, which: ArrayLike) -> "Views":
         """Return the views that a boolean mask or an index array picks, in its order."""
-        chosen, given = np.asarray(which), vars(self)
+        chosen, given = np.asarray(which), {each.name: getattr(self, each.name) for each in fields(self)}
         per_view = {name: given[name] for name in given if name != "target" and given[name] is not None}
         return replace(self, **{name: values[chosen] for name, values in per_view.items()})
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
-from zbuf_occlude.extras import EXTRAS, importing, missing
+from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -212,14 +212,13 @@ class Method:
         One line.
     factory : str
         ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
-        By default ``prepare`` of the module in `visibility/` that is called as the method is.
     exact : bool
         Whether it equals the oracle outside the boundary band.
     needs_gl : bool
     needs_faces : bool
         Whether it looks at the mesh's faces; one that does not can be prepared with a point cloud.
-    requires : str
-        The optional package that it imports, a key of `EXTRAS`; "" for none.
+    extra : str
+        The optional dependency it needs, "" for none; `requires` is the package to import.
     libraries : tuple of str
         What the package links to on Linux and does not bring.
     no_first_hits : str
@@ -228,22 +227,14 @@ class Method:
 
     name: str
     summary: str
-    factory: str = ""
+    factory: str
     exact: bool = False
     needs_gl: bool = False
     needs_faces: bool = True
+    extra: str = ""
     requires: str = ""
     libraries: tuple[str, ...] = ()
     no_first_hits: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.factory:
-            object.__setattr__(self, "factory", f"{__package__}.{self.name}:prepare")
-
-    @property
-    def extra(self) -> str:
-        """The extra of this package that brings what it requires; "" for none."""
-        return EXTRAS.get(self.requires, "")
 
     def missing(self) -> str:
         """Say why the method cannot run here; empty when nothing is known to be missing.
