@@ -147,3 +147,10 @@ def test_what_compiled_functions_are_made_of_is_part_of_the_state() -> None:
         files = {ROOT / (module.replace(".", "/") + ".py") for module in modules}
         assert {file for file in files if file.exists()} <= hashed, path
     assert looked_at > 20
+
+
+def test_asking_what_is_compiled_makes_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """So the server of workers, which asks, does not say beside the command that it compiles."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not compiler.compiled_before("a job that nobody noted")
+    assert not list(tmp_path.iterdir())

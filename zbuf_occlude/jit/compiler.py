@@ -86,13 +86,12 @@ def cache_folder() -> Path | None:
     a private temporary folder, whichever can be written. A new folder takes the place of those of other sources. None
     where nothing can be written: each process then compiles for itself.
     """
-    place = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
-    name = f"zbuf_occlude-{place}-{_digest(*_sources())}"
+    of_place, of_sources = _names()
     for base in _bases():
-        folder = base / name
+        folder = base / f"{of_place}-{of_sources}"
         with suppress(OSError):
             if not folder.exists():
-                for other in base.glob(f"zbuf_occlude-{place}-*"):
+                for other in base.glob(f"{of_place}-*"):
                     shutil.rmtree(other, ignore_errors=True)
                 announce()
             folder.mkdir(parents=True, exist_ok=True)
@@ -108,9 +107,8 @@ def announce() -> None:
 
 
 def compiled_before(job: str) -> bool:
-    """Return whether all that a job calls is compiled, as `note_compiled` noted."""
-    folder = cache_folder()
-    return folder is not None and (folder / f"{job}.compiled").exists()
+    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder."""
+    return any((base / "-".join(_names()) / f"{job}.compiled").exists() for base in _bases())
 
 
 def note_compiled(job: str) -> None:
@@ -118,6 +116,13 @@ def note_compiled(job: str) -> None:
     if folder := cache_folder():
         with suppress(OSError):
             (folder / f"{job}.compiled").touch()
+
+
+@cache
+def _names() -> tuple[str, str]:
+    """Return the parts of the folder's name: for this package, Python and processor; for these sources."""
+    place = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    return f"zbuf_occlude-{place}", _digest(*_sources())
 
 
 def _bases() -> Iterator[Path]:
