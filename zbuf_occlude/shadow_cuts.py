@@ -87,14 +87,12 @@ def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
 
 def _has_a_side(mesh: Mesh, eye: FloatArray, contact: float) -> BoolArray:
     """Which faces (f,) an eye surely sees from one side; none where it lies on a face: in its plane, and in its box."""
-    corners = mesh.corners - eye
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sizes, reach = np.linalg.norm(normals, axis=1), np.linalg.norm(corners[:, 0], axis=1)
-    heights = np.abs(np.einsum("fi,fi->f", normals, corners[:, 0]))
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    corners, sizes = mesh.corners - eye, 2.0 * mesh.areas
+    reach = np.linalg.norm(corners[:, 0], axis=1)
+    heights = np.abs(np.einsum("fi,fi->f", mesh.face_normals, corners[:, 0]))
     within = (corners.min(axis=1) <= contact) & (corners.max(axis=1) >= -contact)
     lies_on = (heights <= FLAT * contact * sizes) & within.all(axis=1)
-    return (heights > CERTAIN * sizes * reach) & (sizes > CERTAIN * longest**2) & ~lies_on.any()
+    return (heights > CERTAIN * sizes * reach) & (sizes > CERTAIN * _longest_edges(corners) ** 2) & ~lies_on.any()
 
 
 def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -103,8 +101,7 @@ def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntA
     parts, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
     with ThreadPoolExecutor(n_threads()) as pool:
         while len(corners):
-            length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-            may_quarter = length * bvh.scale > SHORTEST
+            may_quarter = _longest_edges(corners) * bvh.scale > SHORTEST
             blocks = [slice(first, first + BLOCK) for first in range(0, len(corners), BLOCK)]
             cut = [pool.submit(_cut, bvh, eyes, corners[i], face_ids[i], may_quarter[i]) for i in blocks]
             rest = np.zeros(len(corners), dtype=bool)
@@ -116,6 +113,11 @@ def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntA
     found = np.concatenate(parts)
     areas = 0.5 * np.linalg.norm(np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]), axis=1)
     return found, np.concatenate(of_face), areas
+
+
+def _longest_edges(corners: FloatArray) -> FloatArray:
+    """Length of the longest edge of each triangle (n, 3, 3), (n,)."""
+    return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
 
 
 def _quartered(corners: FloatArray) -> FloatArray:

@@ -154,3 +154,5 @@ def test_asking_what_is_compiled_makes_no_folder(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not compiler.compiled_before("a job that nobody noted")
     assert not list(tmp_path.iterdir())
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "x" * 300)
+    assert not compiler.compiled_before("a job that nobody noted"), "a place that cannot be looked at"

@@ -108,7 +108,8 @@ def announce() -> None:
 
 def compiled_before(job: str) -> bool:
     """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder."""
-    return any((base / "-".join(_names()) / f"{job}.compiled").exists() for base in _bases())
+    name = os.path.join("-".join(_names()), f"{job}.compiled")
+    return any(os.path.exists(base / name) for base in _bases())  # False where Path.exists would raise
 
 
 def note_compiled(job: str) -> None:
