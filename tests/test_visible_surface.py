@@ -95,6 +95,18 @@ def test_what_is_not_proved(corners: list[list[float]], faces: list[list[int]], 
     assert not found.proved[0, 1 if isinstance(eye, float) else 0]
 
 
+@pytest.mark.parametrize(
+    ("third", "eye"),
+    [([0.5, 1e-12, 0], [0.5, 0.3, 5]), ([0.5, 1, 0], [9, 0.3, 1e-10])],
+    ids=["needle", "edge-on but for rounding"],
+)
+def test_shares_that_rounding_would_decide_are_sampled(third: list[float], eye: list[float]) -> None:
+    mesh = zo.Mesh([[0, 0, 0], [1, 0, 0], third, [0, 0, -1], [0, 1, -1], [0.1, 0.5, -2]], APART)
+    found = visible_faces(mesh, eye, exactly=True)
+    assert (found.standard_error[0] > 0).tolist() == [True, False]
+    assert found.proved[0].tolist() == [False, bool(found.fraction[0, 1] in (0.0, 1.0))]
+
+
 def test_odd_meshes_and_eyes() -> None:
     hidden = zo.Mesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [1, 0, -1], [0.5, 0, -1], [0, 1, -1]],
