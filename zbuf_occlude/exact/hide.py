@@ -245,7 +245,7 @@ def find_hidden(bvh, lines, n):
 @inlined
 def _block(bvh, lines, i, candidate, a, b, c):
     """Go no farther where a face blocks a line."""
-    if candidate != lines.own[i] and _face_blocks(bvh, triple(lines.origins, i), triple(lines.points, i), (a, b, c)):
+    if _face_blocks(bvh, triple(lines.origins, i), triple(lines.points, i), (a, b, c)):
         lines.faces[i], lines.fractions[i] = candidate, -1.0
 
 

@@ -142,7 +142,7 @@ def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
             for axis in range(3):
                 lines.origins[3 * i + axis] = origins[o, axis]
                 lines.directions[3 * i + axis] = directions[first + i, axis]
-            lines.fractions[i] = np.inf
+            lines.fractions[i], lines.own[i] = np.inf, -1
         walk(bvh, lines, last - first, _keep_nearer)
         for i in range(last - first):
             d = triple(lines.directions, i)
@@ -333,10 +333,11 @@ def _find_candidates(bvh, lines, n_leaves):
     for j in range(n_met):
         i, mask = item(met, j), item(masks, j)
         while mask:
+            face = np.int64(item(bvh.face_ids, LEAF * ~item(current, i) + first_lane(mask)))
             put_item(asking, n_asked, i)
-            put_item(asked, n_asked, item(bvh.face_ids, LEAF * ~item(current, i) + first_lane(mask)))
+            put_item(asked, n_asked, face)
             mask &= mask - 1
-            n_asked += 1
+            n_asked += face != item(lines.own, i)
     faces, vertices = bvh.faces, bvh.vertices
     for j in range(n_asked):
         for corner in range(3):
