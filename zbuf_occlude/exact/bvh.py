@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_alo
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import load, minimum, splat, store
+from zbuf_occlude.jit.simd import greater, item, load, minimum, number, put_item, splat, store
 from zbuf_occlude.jit.threads import n_blocks, shared, take, take_block, together
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
@@ -25,8 +25,8 @@ RUN_FACES = 512
 """Faces that are halved together, a multiple of `LEAF`."""
 ROW, CENTRE = 16, 6
 """Numbers of a row (`_put_row`), and where those of the centre begin."""
-DIGIT = 256
-"""Faces of a run are sorted by two digits of this base."""
+PLACES = 512
+"""Places along an axis that the faces of a run are sorted by; those at one place stay in the order of the curve."""
 BINS = 16
 """Leaves are divided at one of this many places."""
 NEVER = np.uint64(2**64 - 1)
@@ -75,7 +75,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
     n_leaves = n_blocks(n_short, LEAF)
     runs = [_runs_of(0, n_short, 0), _runs_of(n_short, len(order), n_leaves)]
     n_leaves += n_blocks(len(order) - n_short, LEAF)
-    leaf_boxes = np.zeros(n_leaves * ROW, dtype=np.float32)
+    leaf_boxes = aligned(n_leaves * ROW)
     bvh = Bvh(
         centre=np.array(mesh.centre),
         scale=scale,
@@ -166,21 +166,22 @@ def _half_area(rows, i):
 
 
 @inner
-def _cheapest(rows, sizes, n, areas):
-    """Least cost of halving n rows of such sizes, and the row that the second half begins with; row n is scratch."""
-    joined, behind = load(rows, ROW * (n - 1)), 0
+def _cheapest(rows, row, sizes, n, areas):
+    """Least cost of halving n rows, from one on, of such sizes, and after how many; the last row is scratch."""
+    last = len(rows) // ROW - 1
+    joined, behind = load(rows, ROW * (row + n - 1)), 0
     for i in range(n - 1, 0, -1):
-        joined = minimum(joined, load(rows, ROW * i))
-        store(rows, ROW * n, joined)
-        areas[i] = _half_area(rows, n)
+        joined = minimum(joined, load(rows, ROW * (row + i)))
+        store(rows, ROW * last, joined)
+        areas[i] = _half_area(rows, last)
         behind += sizes[i]
-    joined, before = load(rows, 0), 0
+    joined, before = load(rows, ROW * row), 0
     least, middle = np.float32(np.inf), 0
     for i in range(1, n):
-        joined = minimum(joined, load(rows, ROW * (i - 1)))
-        store(rows, ROW * n, joined)
+        joined = minimum(joined, load(rows, ROW * (row + i - 1)))
+        store(rows, ROW * last, joined)
         before += sizes[i - 1]
-        cost = _half_area(rows, n) * np.float32(before) + areas[i] * np.float32(behind)
+        cost = _half_area(rows, last) * np.float32(before) + areas[i] * np.float32(behind)
         behind -= sizes[i]
         if middle == 0 or cost < least:
             least, middle = cost, i
@@ -193,31 +194,39 @@ def _cheapest(rows, sizes, n, areas):
 class Scratch(NamedTuple):
     """What a thread needs to halve a run."""
 
+    corners: FloatArray  # (RUN_FACES, 3 corners, 3 axes) of its faces, scene space
     boxes: Float32  # rows (`_put_row`) of its faces
     orders: IntArray  # (3, RUN_FACES) its faces along each axis
     spare: IntArray  # (RUN_FACES,)
-    places: Int64  # (RUN_FACES,) of the faces along an axis, in two digits
-    counts: Int64  # (DIGIT + 1,)
-    first_half: Int64  # (RUN_FACES,) 1 for the faces of a segment's first half
-    groups: Float32  # rows of 16 faces along an axis, and one more
-    sizes: Int64  # (RUN_FACES / 16,) how many they are
+    places: IntArray  # (RUN_FACES,) of the faces along an axis
+    counts: IntArray  # (PLACES + 1,)
+    leaves: IntArray  # (RUN_FACES,) of the faces, from the run's first on
+    first_half: IntArray  # (RUN_FACES,) 1 for the faces of a segment's first half
+    groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and one more
+    sizes: Int64  # (RUN_FACES / 16,) how many faces the groups have
     areas: Float32  # (RUN_FACES / 16,) of the groups from each on
-    segments: Int64  # (RUN_FACES / 16 + 1, 2) those to be halved
+    segments: Int64  # (RUN_FACES / 16 + 1, 3) those to be halved: first and last, and an axis with groups
+    lanes: FloatArray  # (9, 16) the corners of a leaf's faces
+    planes: Float32  # (14, 16) the same rounded, four numbers of the plane, and 1 for the weak
 
 
 def _new_scratch() -> Scratch:
     n = RUN_FACES // LEAF
     return Scratch(
-        boxes=np.empty(RUN_FACES * ROW, dtype=np.float32),
+        corners=np.empty((RUN_FACES, 3, 3)),
+        boxes=aligned(RUN_FACES * ROW),
         orders=np.empty((3, RUN_FACES), dtype=np.int32),
         spare=np.empty(RUN_FACES, dtype=np.int32),
-        places=np.empty(RUN_FACES, dtype=np.int64),
-        counts=np.empty(DIGIT + 1, dtype=np.int64),
-        first_half=np.empty(RUN_FACES, dtype=np.int64),
-        groups=np.empty((n + 1) * ROW, dtype=np.float32),
+        places=np.empty(RUN_FACES, dtype=np.int32),
+        counts=np.empty(PLACES + 1, dtype=np.int32),
+        leaves=np.empty(RUN_FACES, dtype=np.int32),
+        first_half=np.empty(RUN_FACES, dtype=np.int32),
+        groups=aligned((3 * n + 1) * ROW),
         sizes=np.empty(n, dtype=np.int64),
         areas=np.empty(n, dtype=np.float32),
-        segments=np.empty((n + 1, 2), dtype=np.int64),
+        segments=np.empty((n + 1, 3), dtype=np.int64),
+        lanes=np.empty(9 * LEAF),
+        planes=aligned(14 * LEAF),
     )
 
 
@@ -233,113 +242,27 @@ def _fill_runs(tasks, bvh, order, runs, leaf_boxes, scratch):
     bvh_at, scratch_at = reference(bvh), reference(scratch)
     run = take(tasks)
     while run < len(runs):
-        first, last, leaf = runs[run, 0], runs[run, 1], runs[run, 2]
-        _halve_run(bvh_at, order[first:last], scratch_at)
-        _share_out(bvh_at, order[first:last], leaf, scratch_at)
-        for i in range((last - first + LEAF - 1) // LEAF):
-            _fill_leaf(bvh_at, leaf + i, leaf_boxes)
+        faces, leaf = order[runs[run, 0] : runs[run, 1]], runs[run, 2]
+        _read_corners(bvh_at, faces, scratch_at)
+        _halve_run(len(faces), scratch_at)
+        _share_out(len(faces), scratch_at)
+        for first in range(0, len(faces), LEAF):
+            _fill_leaf(bvh_at, faces, first, leaf + first // LEAF, leaf_boxes, scratch_at)
         run = take(tasks)
 
 
 @inner
-def _halve_run(bvh, faces, scratch):
-    """Halve segments of a run until they are leaves: row 0 of ``scratch.orders`` has one after the other."""
+def _read_corners(bvh, faces, scratch):
+    """Fill in the corners of a run's faces, in scene space, and the rows of their boxes."""
     for i in range(len(faces)):
         a, b, c = corners_of(bvh, faces[i])
         a, b, c = _to_scene(bvh, a), _to_scene(bvh, b), _to_scene(bvh, c)
         for axis in range(3):
+            at = 9 * i + axis
+            put_item(scratch.corners, at, a[axis])
+            put_item(scratch.corners, at + 3, b[axis])
+            put_item(scratch.corners, at + 6, c[axis])
             _put_row(scratch.boxes, i, axis, min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis]))
-    for axis in range(3):
-        _sort_along(axis, len(faces), scratch)
-    segments, n_segments = scratch.segments, 1
-    segments[0, 0], segments[0, 1] = 0, len(faces)
-    while n_segments > 0:
-        n_segments -= 1
-        first, last = segments[n_segments, 0], segments[n_segments, 1]
-        if last - first <= LEAF:
-            continue
-        middle = first + _halve(first, last, scratch)
-        segments[n_segments, 0], segments[n_segments, 1] = first, middle
-        segments[n_segments + 1, 0], segments[n_segments + 1, 1] = middle, last
-        n_segments += 2
-
-
-@inner
-def _sort_along(axis, n, scratch):
-    """Sort the n faces of a run by their centres along an axis, to 2^16 steps of it."""
-    boxes, places, counts, order, spare = scratch.boxes, scratch.places, scratch.counts, scratch.orders, scratch.spare
-    low, high = ENDLESS, -ENDLESS
-    for i in range(n):
-        centre = boxes[ROW * i + CENTRE + axis]
-        low, high = min(low, centre), max(high, centre)
-    scale = np.float32(DIGIT * DIGIT - 1) / (high - low) if high > low else ZERO
-    for i in range(n):
-        places[i] = min(np.int64((boxes[ROW * i + CENTRE + axis] - low) * scale), DIGIT * DIGIT - 1)
-    for digit in range(2):
-        counts[:] = 0
-        for i in range(n):
-            counts[((places[i] >> (8 * digit)) & (DIGIT - 1)) + 1] += 1
-        for i in range(DIGIT):
-            counts[i + 1] += counts[i]
-        target = order[axis] if digit else spare
-        for i in range(n):
-            face = spare[i] if digit else i
-            value = (places[face] >> (8 * digit)) & (DIGIT - 1)
-            target[counts[value]] = face
-            counts[value] += 1
-
-
-@inner
-def _share_out(bvh, faces, leaf, scratch):
-    """Write the faces of each leaf as they were given, along the curve: points sorted by face then follow it too."""
-    leaves, counts = scratch.spare, scratch.counts
-    counts[: RUN_FACES // LEAF] = 0
-    for i in range(len(faces)):
-        leaves[scratch.orders[0, i]] = i // LEAF
-    for i in range(len(faces)):
-        mine = leaves[i]
-        bvh.face_ids[leaf + mine, counts[mine]] = faces[i]
-        counts[mine] += 1
-
-
-@inner
-def _fill_leaf(bvh, leaf, leaf_boxes):
-    """Fill in what a BVH has of a leaf, the rows of its faces, and its box, rounded outwards."""
-    used, weak, outwards = np.int64(0), np.int64(0), np.float32(2.0) * ROUNDOFF
-    low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
-    for lane in range(LEAF):
-        face = bvh.face_ids[leaf, lane]
-        if face >= 0:
-            used |= np.int64(1) << lane
-            bvh.rows[face] = leaf * LEAF + lane
-        else:
-            face = bvh.face_ids[leaf, 0]  # anything finite
-        a, b, c = corners_of(bvh, face)
-        a, b, c = _to_scene(bvh, a), _to_scene(bvh, b), _to_scene(bvh, c)
-        weak |= np.int64(_fill_face(bvh, leaf, lane, a, b, c)) << lane
-        low = min(low[0], a[0], b[0], c[0]), min(low[1], a[1], b[1], c[1]), min(low[2], a[2], b[2], c[2])
-        high = max(high[0], a[0], b[0], c[0]), max(high[1], a[1], b[1], c[1]), max(high[2], a[2], b[2], c[2])
-    for axis in range(3):
-        _put_row(leaf_boxes, leaf, axis, np.float32(low[axis]) - outwards, np.float32(high[axis]) + outwards)
-    bvh.used[leaf], bvh.weak[leaf] = used, weak & used
-
-
-@inner
-def _fill_face(bvh, leaf, lane, a, b, c):
-    """Fill in a face's corners, unit normal and offset; return whether float64 cannot vouch for the normal."""
-    u, v, w = minus(b, a), minus(c, b), minus(a, c)
-    normal = cross(u, minus(c, a))
-    length = np.sqrt(dot(normal, normal))
-    inverse = 1.0 / length if length > 0.0 else 0.0
-    offset = 0.0
-    for axis in range(3):
-        bvh.corners[leaf, 0, axis, lane] = a[axis]
-        bvh.corners[leaf, 1, axis, lane] = b[axis]
-        bvh.corners[leaf, 2, axis, lane] = c[axis]
-        bvh.planes[leaf, axis, lane] = normal[axis] * inverse
-        offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
-    bvh.planes[leaf, 3, lane] = offset / 3.0
-    return length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
 
 
 @inner
@@ -352,47 +275,159 @@ def _to_scene(bvh, p):
 
 
 @inner
-def _halve(first, last, scratch):
-    """Put the faces of a segment's better half first along each axis; return how many they are."""
+def _halve_run(n, scratch):
+    """Halve segments of the n faces of a run until they are leaves; ``scratch.leaves`` has the leaf of each face."""
+    for axis in range(3):
+        _sort_along(axis, n, scratch)
+    for group in range(0, n, LEAF):
+        scratch.sizes[group // LEAF] = min(LEAF, n - group)
+    _join_groups(0, 0, n, scratch)
+    segments, n_segments = scratch.segments, 1
+    segments[0, 0], segments[0, 1], segments[0, 2] = 0, n, 0
+    while n_segments > 0:
+        n_segments -= 1
+        first, last, axis = segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2]
+        if last - first <= LEAF:
+            for i in range(first, last):
+                scratch.leaves[scratch.orders[axis, i]] = first // LEAF
+            continue
+        middle, axis = _halve(first, last, axis, scratch)
+        segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2] = first, middle, axis
+        segments[n_segments + 1, 0], segments[n_segments + 1, 1], segments[n_segments + 1, 2] = middle, last, axis
+        n_segments += 2
+
+
+@inner
+def _sort_along(axis, n, scratch):
+    """Sort the n faces of a run by their centres along an axis, to `PLACES` steps of it."""
+    boxes, places, counts = scratch.boxes, scratch.places, scratch.counts
+    low, high = ENDLESS, -ENDLESS
+    for i in range(n):
+        centre = number(boxes, ROW * i + CENTRE + axis)
+        low, high = min(low, centre), max(high, centre)
+    scale = np.float32(PLACES - 1) / (high - low) if high > low else ZERO
+    counts[:] = 0
+    for i in range(n):
+        place = min(np.int64((number(boxes, ROW * i + CENTRE + axis) - low) * scale), PLACES - 1)
+        put_item(places, i, place)
+        put_item(counts, place + 1, item(counts, place + 1) + 1)
+    for i in range(PLACES):
+        counts[i + 1] += counts[i]
+    for i in range(n):
+        place = np.int64(item(places, i))
+        at = np.int64(item(counts, place))
+        put_item(scratch.orders, RUN_FACES * axis + at, i)
+        put_item(counts, place, at + 1)
+
+
+@inner
+def _halve(first, last, known, scratch):
+    """Divide a segment at its cheapest: return where its second half begins, and along which axis.
+
+    The axis given has the rows of its groups. Along the others the first half's faces are put first, unless both
+    halves are leaves.
+    """
     orders, least, axis, half = scratch.orders, np.inf, 0, 0
+    n = (last - first + LEAF - 1) // LEAF
     for candidate in range(3):
-        order = orders[candidate, first:last]
-        cost, size = _cheapest_half(scratch.boxes, order, scratch)
+        if candidate != known:
+            _join_groups(candidate, first, last, scratch)
+        row = (RUN_FACES * candidate + first) // LEAF
+        cost, middle = _cheapest(scratch.groups, row, scratch.sizes[first // LEAF :], n, scratch.areas)
         if half == 0 or cost < least:
-            least, axis, half = cost, candidate, size
-    for i in range(first, last):
-        scratch.first_half[orders[axis, i]] = i < first + half
-    for other in range(3):
-        if other != axis:
-            _partition(orders[other, first:last], scratch.first_half, scratch.spare)
-    return half
+            least, axis, half = cost, candidate, middle
+    half *= LEAF
+    if max(half, last - first - half) > LEAF:
+        for i in range(first, last):
+            put_item(scratch.first_half, np.int64(item(orders, RUN_FACES * axis + i)), i < first + half)
+        for other in range(3):
+            if other != axis:
+                _partition(orders[other, first:last], scratch.first_half, scratch.spare)
+    return first + half, axis
 
 
 @inner
-def _cheapest_half(boxes, order, scratch):
-    """Least cost of halving faces in an order after a multiple of 16, and after how many."""
-    n, n_groups = len(order), (len(order) + LEAF - 1) // LEAF
-    for group in range(n_groups):
-        first, last = group * LEAF, min((group + 1) * LEAF, n)
-        joined = load(boxes, ROW * order[first])
-        for i in range(first + 1, last):
-            joined = minimum(joined, load(boxes, ROW * order[i]))
-        store(scratch.groups, ROW * group, joined)
-        scratch.sizes[group] = last - first
-    cost, middle = _cheapest(scratch.groups, scratch.sizes, n_groups, scratch.areas)
-    return cost, middle * LEAF
+def _join_groups(axis, first, last, scratch):
+    """Join the boxes of each 16 faces of a segment along an axis."""
+    boxes, orders, base = scratch.boxes, scratch.orders, RUN_FACES * axis
+    for group in range(base + first, base + last, LEAF):
+        joined = load(boxes, ROW * np.int64(item(orders, group)))
+        for i in range(group + 1, min(group + LEAF, base + last)):
+            joined = minimum(joined, load(boxes, ROW * np.int64(item(orders, i))))
+        store(scratch.groups, group // LEAF * ROW, joined)
 
 
 @inner
-def _partition(order, first_half, scratch):
+def _partition(order, first_half, spare):
     """Put the faces of the first half first, else keep their order."""
     n = 0
     for i in range(len(order)):  # without branches, which are hard to predict
-        face = order[i]
-        order[n] = scratch[i - n] = face
-        n += first_half[face]
+        face = item(order, i)
+        put_item(order, n, face)
+        put_item(spare, i - n, face)
+        n += np.int64(item(first_half, np.int64(face)))
     for i in range(n, len(order)):
-        order[i] = scratch[i - n]
+        order[i] = spare[i - n]
+
+
+@inner
+def _share_out(n, scratch):
+    """Give each leaf its faces in the order of the curve: points sorted by face then follow it too."""
+    members, counts = scratch.orders, scratch.counts
+    counts[: RUN_FACES // LEAF] = 0
+    for i in range(n):
+        leaf = scratch.leaves[i]
+        put_item(members, LEAF * leaf + counts[leaf], i)
+        counts[leaf] += 1
+
+
+@inner
+def _fill_leaf(bvh, faces, first, leaf, leaf_boxes, scratch):
+    """Fill in what a BVH has of a leaf, the rows of its faces, and its box, rounded outwards."""
+    members, lanes, n = scratch.orders, scratch.lanes, min(LEAF, len(faces) - first)
+    joined = load(scratch.boxes, ROW * np.int64(item(members, first)))
+    for lane in range(LEAF):
+        i = np.int64(item(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
+        joined = minimum(joined, load(scratch.boxes, ROW * i))
+        for k in range(9):
+            put_item(lanes, LEAF * k + lane, item(scratch.corners, 9 * i + k))
+        if lane < n:
+            bvh.face_ids[leaf, lane] = faces[i]
+            bvh.rows[faces[i]] = leaf * LEAF + lane
+    store(leaf_boxes, ROW * leaf, joined)
+    outwards = np.float32(2.0) * ROUNDOFF
+    for axis in range(3):
+        lower, upper = leaf_boxes[ROW * leaf + axis], -leaf_boxes[ROW * leaf + UPPER + axis]
+        _put_row(leaf_boxes, leaf, axis, lower - outwards, upper + outwards)
+    _fill_planes(lanes, scratch.planes)
+    for k in range(9):
+        store(bvh.corners, LEAF * (9 * leaf + k), load(scratch.planes, LEAF * k))
+    for k in range(4):
+        store(bvh.planes, LEAF * (4 * leaf + k), load(scratch.planes, LEAF * (9 + k)))
+    used = (np.int64(1) << n) - 1
+    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(scratch.planes, LEAF * 13), splat(ZERO))
+
+
+@inner
+def _fill_planes(lanes, planes):
+    """Of the corners of 16 faces: rounded, unit normals and offsets, and whether float64 cannot vouch for a normal."""
+    for i in range(LEAF):  # a loop without branches, which the compiler turns into vectors
+        a = item(lanes, i), item(lanes, LEAF + i), item(lanes, 2 * LEAF + i)
+        b = item(lanes, 3 * LEAF + i), item(lanes, 4 * LEAF + i), item(lanes, 5 * LEAF + i)
+        c = item(lanes, 6 * LEAF + i), item(lanes, 7 * LEAF + i), item(lanes, 8 * LEAF + i)
+        u, v, w = minus(b, a), minus(c, b), minus(a, c)
+        normal = cross(u, minus(c, a))
+        length = np.sqrt(dot(normal, normal))
+        inverse = 1.0 / length if length > 0.0 else 0.0
+        offset = 0.0
+        for axis in range(3):
+            put_item(planes, LEAF * axis + i, a[axis])
+            put_item(planes, LEAF * (3 + axis) + i, b[axis])
+            put_item(planes, LEAF * (6 + axis) + i, c[axis])
+            put_item(planes, LEAF * (9 + axis) + i, normal[axis] * inverse)
+            offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
+        put_item(planes, LEAF * 12 + i, offset / 3.0)
+        put_item(planes, LEAF * 13 + i, length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w)))
 
 
 # Nodes
@@ -498,7 +533,7 @@ def _divide(leaf_boxes, leaves, first, last, part, scratch):
         place = np.int64((leaf_boxes[at + CENTRE + axis] - low) * scale)
         sizes[place] += 1
         store(bins, ROW * place, minimum(load(bins, ROW * place), load(leaf_boxes, at)))
-    middle = _cheapest(bins, sizes, BINS, areas)[1]
+    middle = _cheapest(bins, 0, sizes, BINS, areas)[1]
     i, j = first, last - 1
     while i <= j:
         leaf = leaves[i]
