@@ -29,8 +29,10 @@ PLACES = 512
 """Places along an axis that the faces of a run are sorted by; those at one place stay in the order of the curve."""
 BINS = 16
 """Leaves are divided at one of this many places."""
-NEVER = np.uint64(2**64 - 1)
-"""Key of a face that blocks nothing."""
+PLACE_BITS = 3 * CODE_BITS
+"""Bits of a face's place along the curve."""
+LONG_FACE, NO_FACE = 1, 2
+"""Kinds of faces, which are sorted by first: long ones, and those that block nothing; others are 0."""
 
 
 class Bvh(NamedTuple):
@@ -112,6 +114,13 @@ def _vertex(bvh, i):
     return bvh.vertices[i, 0], bvh.vertices[i, 1], bvh.vertices[i, 2]
 
 
+@inlined
+def _corner(vertices, faces, i):
+    """Corner i of all faces' one after the other."""
+    at = 3 * np.int64(item(faces, i))
+    return item(vertices, at), item(vertices, at + 1), item(vertices, at + 2)
+
+
 def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int]:
     """Return the faces that can block along the Hilbert curve, the long ones last, and how many are short."""
     n_faces = len(mesh.faces)
@@ -119,19 +128,20 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int]:
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
     together(_measure_faces, n_blocks(n_faces, BLOCK), *measured, own=new_cells)
-    keys = sorted_keys(keys, index_bits, 64 - index_bits)
-    n_short, n = np.searchsorted(keys, np.array([1 << 63, NEVER], dtype=np.uint64))
-    return (keys[:n] & np.uint64((1 << index_bits) - 1)).astype(np.int32), int(n_short)
+    keys = sorted_keys(keys, index_bits, PLACE_BITS + 2)
+    kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
+    n_short, n = np.searchsorted(keys, kinds)
+    return (keys[:n].astype(np.uint32) & np.uint32((1 << index_bits) - 1)).view(np.int32), int(n_short)
 
 
 @shared
 def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
-    """Give each face the key that sorts it: long or not, its centre's place along the curve, its number."""
+    """Give each face the key that sorts it: what kind it is, its centre's place along the curve, its number."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     first, last = take_block(tasks, len(faces), BLOCK)
     while first < last:
         for face in range(first, last):
-            a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
+            a, b, c = _corner(vertices, faces, 3 * face), _corner(vertices, faces, 3 * face + 1), _corner(vertices, faces, 3 * face + 2)
             extent = 0.0
             for axis in range(3):
                 lower, upper = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
@@ -139,10 +149,11 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
                 cells[axis, face - first] = np.int64((0.5 * (lower + upper) - low[axis]) * scale)
             normal = cross(minus(b, a), minus(c, a))
             blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0)
-            keys[face] = np.uint64(extent > LONG * side) << np.uint64(63) if blocks else NEVER
+            keys[face] = np.int64(extent > LONG * side) if blocks else NO_FACE
         place_along_curve(cells, last - first, CODE_BITS)
         for face in range(first, last):
-            keys[face] |= (np.uint64(cells[0, face - first]) << np.uint64(index_bits)) | np.uint64(face)
+            key = np.int64(keys[face]) << PLACE_BITS | np.int64(cells[0, face - first])
+            keys[face] = key << index_bits | face
         first, last = take_block(tasks, len(faces), BLOCK)
 
 
@@ -245,33 +256,27 @@ def _fill_runs(tasks, bvh, order, runs, leaf_boxes, scratch):
         faces, leaf = order[runs[run, 0] : runs[run, 1]], runs[run, 2]
         _read_corners(bvh_at, faces, scratch_at)
         _halve_run(len(faces), scratch_at)
-        _share_out(len(faces), scratch_at)
-        for first in range(0, len(faces), LEAF):
-            _fill_leaf(bvh_at, faces, first, leaf + first // LEAF, leaf_boxes, scratch_at)
+        _share_out(bvh_at, faces, leaf, scratch_at)
+        for i in range((len(faces) + LEAF - 1) // LEAF):
+            _fill_leaf(bvh_at, LEAF * i, min(LEAF, len(faces) - LEAF * i), leaf + i, leaf_boxes, scratch_at)
         run = take(tasks)
 
 
 @inner
 def _read_corners(bvh, faces, scratch):
     """Fill in the corners of a run's faces, in scene space, and the rows of their boxes."""
+    corners, x, y, z, scale = scratch.corners, bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
+    for i in range(len(faces)):  # apart from what follows, so that the processor waits for many vertices at a time
+        for corner in range(3):
+            p, at = _corner(bvh.vertices, bvh.faces, 3 * np.int64(item(faces, i)) + corner), 9 * i + 3 * corner
+            put_item(corners, at, (p[0] - x) * scale)
+            put_item(corners, at + 1, (p[1] - y) * scale)
+            put_item(corners, at + 2, (p[2] - z) * scale)
     for i in range(len(faces)):
-        a, b, c = corners_of(bvh, faces[i])
-        a, b, c = _to_scene(bvh, a), _to_scene(bvh, b), _to_scene(bvh, c)
         for axis in range(3):
             at = 9 * i + axis
-            put_item(scratch.corners, at, a[axis])
-            put_item(scratch.corners, at + 3, b[axis])
-            put_item(scratch.corners, at + 6, c[axis])
-            _put_row(scratch.boxes, i, axis, min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis]))
-
-
-@inner
-def _to_scene(bvh, p):
-    return (
-        (p[0] - bvh.centre[0]) * bvh.scale,
-        (p[1] - bvh.centre[1]) * bvh.scale,
-        (p[2] - bvh.centre[2]) * bvh.scale,
-    )
+            a, b, c = item(corners, at), item(corners, at + 3), item(corners, at + 6)
+            _put_row(scratch.boxes, i, axis, np.float32(min(a, b, c)), np.float32(max(a, b, c)))
 
 
 @inner
@@ -371,29 +376,29 @@ def _partition(order, first_half, spare):
 
 
 @inner
-def _share_out(n, scratch):
+def _share_out(bvh, faces, leaf, scratch):
     """Give each leaf its faces in the order of the curve: points sorted by face then follow it too."""
     members, counts = scratch.orders, scratch.counts
     counts[: RUN_FACES // LEAF] = 0
-    for i in range(n):
-        leaf = scratch.leaves[i]
-        put_item(members, LEAF * leaf + counts[leaf], i)
-        counts[leaf] += 1
+    for i in range(len(faces)):
+        mine = np.int64(item(scratch.leaves, i))
+        at = LEAF * mine + np.int64(item(counts, mine))
+        put_item(counts, mine, item(counts, mine) + 1)
+        put_item(members, at, i)
+        put_item(bvh.face_ids, LEAF * leaf + at, faces[i])
+        put_item(bvh.rows, np.int64(faces[i]), LEAF * leaf + at)
 
 
 @inner
-def _fill_leaf(bvh, faces, first, leaf, leaf_boxes, scratch):
-    """Fill in what a BVH has of a leaf, the rows of its faces, and its box, rounded outwards."""
-    members, lanes, n = scratch.orders, scratch.lanes, min(LEAF, len(faces) - first)
+def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
+    """Fill in what a BVH has of a leaf with n of a run's faces, from one on, and its box, rounded outwards."""
+    members, lanes = scratch.orders, scratch.lanes
     joined = load(scratch.boxes, ROW * np.int64(item(members, first)))
     for lane in range(LEAF):
         i = np.int64(item(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
         joined = minimum(joined, load(scratch.boxes, ROW * i))
         for k in range(9):
             put_item(lanes, LEAF * k + lane, item(scratch.corners, 9 * i + k))
-        if lane < n:
-            bvh.face_ids[leaf, lane] = faces[i]
-            bvh.rows[faces[i]] = leaf * LEAF + lane
     store(leaf_boxes, ROW * leaf, joined)
     outwards = np.float32(2.0) * ROUNDOFF
     for axis in range(3):
