@@ -75,8 +75,8 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
     scale = 2.0 / mesh.diagonal if mesh.diagonal > 0.0 else 1.0
     order, n_short = _order_along_curve(mesh)
     n_leaves = n_blocks(n_short, LEAF)
-    runs = [_runs_of(0, n_short, 0), _runs_of(n_short, len(order), n_leaves)]
     n_leaves += n_blocks(len(order) - n_short, LEAF)
+    n_runs = n_blocks(n_short, RUN_FACES) + n_blocks(len(order) - n_short, RUN_FACES)
     leaf_boxes = aligned(n_leaves * ROW)
     bvh = Bvh(
         centre=np.array(mesh.centre),
@@ -96,8 +96,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         faces=mesh.faces,
         world_contact=contact,
     )
-    both = np.concatenate(runs)
-    together(_fill_runs, len(both), bvh, order, both, leaf_boxes, own=_new_scratch)
+    together(_fill_runs, n_runs, bvh, order, n_short, leaf_boxes, own=_new_scratch)
     boxes, children, n_children, depth = _grow(leaf_boxes)
     return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
 
@@ -141,7 +140,8 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
     first, last = take_block(tasks, len(faces), BLOCK)
     while first < last:
         for face in range(first, last):
-            a, b, c = _corner(vertices, faces, 3 * face), _corner(vertices, faces, 3 * face + 1), _corner(vertices, faces, 3 * face + 2)
+            a = _corner(vertices, faces, 3 * face)
+            b, c = _corner(vertices, faces, 3 * face + 1), _corner(vertices, faces, 3 * face + 2)
             extent = 0.0
             for axis in range(3):
                 lower, upper = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
@@ -209,10 +209,9 @@ class Scratch(NamedTuple):
     boxes: Float32  # rows (`_put_row`) of its faces
     orders: IntArray  # (3, RUN_FACES) its faces along each axis
     spare: IntArray  # (RUN_FACES,)
-    places: IntArray  # (RUN_FACES,) of the faces along an axis
+    places: IntArray  # (RUN_FACES,) of its faces along an axis
     counts: IntArray  # (PLACES + 1,)
     leaves: IntArray  # (RUN_FACES,) of the faces, from the run's first on
-    first_half: IntArray  # (RUN_FACES,) 1 for the faces of a segment's first half
     groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and one more
     sizes: Int64  # (RUN_FACES / 16,) how many faces the groups have
     areas: Float32  # (RUN_FACES / 16,) of the groups from each on
@@ -231,7 +230,6 @@ def _new_scratch() -> Scratch:
         places=np.empty(RUN_FACES, dtype=np.int32),
         counts=np.empty(PLACES + 1, dtype=np.int32),
         leaves=np.empty(RUN_FACES, dtype=np.int32),
-        first_half=np.empty(RUN_FACES, dtype=np.int32),
         groups=aligned((3 * n + 1) * ROW),
         sizes=np.empty(n, dtype=np.int64),
         areas=np.empty(n, dtype=np.float32),
@@ -241,25 +239,25 @@ def _new_scratch() -> Scratch:
     )
 
 
-def _runs_of(first: int, last: int, leaf: int) -> Int64:
-    """Return where runs of faces from one to another begin and end, and the first leaf of each, (n, 3)."""
-    firsts = np.arange(first, last, RUN_FACES)
-    return np.stack([firsts, np.minimum(firsts + RUN_FACES, last), leaf + (firsts - first) // LEAF], axis=1)
-
-
 @shared
-def _fill_runs(tasks, bvh, order, runs, leaf_boxes, scratch):
-    """Make leaves of each run of faces, and fill in what a BVH has of them."""
+def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
+    """Make leaves of runs of faces, the short ones first, and fill in what a BVH has of them."""
     bvh_at, scratch_at = reference(bvh), reference(scratch)
-    run = take(tasks)
-    while run < len(runs):
-        faces, leaf = order[runs[run, 0] : runs[run, 1]], runs[run, 2]
+    n_runs, n_leaves = (n_short + RUN_FACES - 1) // RUN_FACES, (n_short + LEAF - 1) // LEAF
+    while True:
+        run = take(tasks)
+        begin, end, leaf = 0, n_short, 0
+        if run >= n_runs:
+            run, begin, end, leaf = run - n_runs, n_short, len(order), n_leaves
+        first = begin + RUN_FACES * run
+        if first >= end:
+            break
+        faces, leaf = order[first : min(first + RUN_FACES, end)], leaf + RUN_FACES // LEAF * run
         _read_corners(bvh_at, faces, scratch_at)
         _halve_run(len(faces), scratch_at)
         _share_out(bvh_at, faces, leaf, scratch_at)
         for i in range((len(faces) + LEAF - 1) // LEAF):
             _fill_leaf(bvh_at, LEAF * i, min(LEAF, len(faces) - LEAF * i), leaf + i, leaf_boxes, scratch_at)
-        run = take(tasks)
 
 
 @inner
@@ -344,10 +342,10 @@ def _halve(first, last, known, scratch):
     half *= LEAF
     if max(half, last - first - half) > LEAF:
         for i in range(first, last):
-            put_item(scratch.first_half, np.int64(item(orders, RUN_FACES * axis + i)), i < first + half)
+            put_item(scratch.places, np.int64(item(orders, RUN_FACES * axis + i)), i)
         for other in range(3):
             if other != axis:
-                _partition(orders[other, first:last], scratch.first_half, scratch.spare)
+                _partition(orders[other, first:last], scratch.places, first + half, scratch.spare)
     return first + half, axis
 
 
@@ -363,16 +361,17 @@ def _join_groups(axis, first, last, scratch):
 
 
 @inner
-def _partition(order, first_half, spare):
-    """Put the faces of the first half first, else keep their order."""
+def _partition(order, places, end, spare):
+    """Put what has a place before an end first, else keep the order; return how many these are."""
     n = 0
     for i in range(len(order)):  # without branches, which are hard to predict
-        face = item(order, i)
-        put_item(order, n, face)
-        put_item(spare, i - n, face)
-        n += np.int64(item(first_half, np.int64(face)))
+        which = item(order, i)
+        put_item(order, n, which)
+        put_item(spare, i - n, which)
+        n += np.int64(item(places, np.int64(which)) < end)
     for i in range(n, len(order)):
         order[i] = spare[i - n]
+    return n
 
 
 @inner
@@ -445,9 +444,10 @@ def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray, int]:
     boxes, children = np.zeros((room * 6, LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
     n_children, leaves = np.empty(room, dtype=np.int32), np.arange(n_leaves, dtype=np.int32)
     spans, parts = np.empty((room, 3), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
-    extents, bins = np.empty(LEAF * ROW, dtype=np.float32), np.empty((BINS + 1) * ROW, dtype=np.float32)
+    extents, bins = aligned(LEAF * ROW), aligned((2 * BINS + 1) * ROW)
     sizes, areas = np.empty(BINS, dtype=np.int64), np.empty(BINS, dtype=np.float32)
-    scratch = parts, extents, bins, sizes, areas
+    (places, spare), numbers = np.empty((2, n_leaves), dtype=np.int32), np.arange(BINS, dtype=np.int32)
+    scratch = parts, extents, bins, sizes, areas, places, spare, numbers
     n = _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
     used = aligned(n * 6, LEAF)
     used[:] = boxes[: n * 6]
@@ -468,19 +468,18 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
         first, last, n = spans[node, 0], spans[node, 1], 0
         if last - first <= LEAF:
             for i in range(first, last):
-                _put_part(leaf_boxes, leaves, i, i + 1, n, parts, extents)
+                _put_part(leaf_boxes, leaves, i, i + 1, n, extents)
+                parts[n, 0], parts[n, 1] = i, i + 1
                 n += 1
         else:
-            _put_part(leaf_boxes, leaves, first, last, n, parts, extents)
+            _put_part(leaf_boxes, leaves, first, last, n, extents)
+            parts[n, 0], parts[n, 1] = first, last
             n += 1
             while n < LEAF:
                 largest = _largest_part(parts, extents, n)
                 if largest < 0:
                     break
-                first, last = parts[largest, 0], parts[largest, 1]
-                middle = _divide(leaf_boxes, leaves, first, last, largest, scratch)
-                _put_part(leaf_boxes, leaves, first, middle, largest, parts, extents)
-                _put_part(leaf_boxes, leaves, middle, last, n, parts, extents)
+                _divide(leaf_boxes, leaves, largest, n, scratch)
                 n += 1
         n_children[node] = n
         for i in range(n):
@@ -498,13 +497,12 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
 
 
 @inner
-def _put_part(leaf_boxes, leaves, first, last, i, parts, extents):
-    """Note part i: which leaves, and the row that joins theirs."""
-    joined = load(leaf_boxes, ROW * leaves[first])
-    for j in range(first + 1, last):
-        joined = minimum(joined, load(leaf_boxes, ROW * leaves[j]))
-    store(extents, ROW * i, joined)
-    parts[i, 0], parts[i, 1] = first, last
+def _put_part(rows, members, first, last, part, extents):
+    """Note the box of a part: that which joins some of the members' rows."""
+    joined = load(rows, ROW * np.int64(item(members, first)))
+    for i in range(first + 1, last):
+        joined = minimum(joined, load(rows, ROW * np.int64(item(members, i))))
+    store(extents, ROW * part, joined)
 
 
 @inner
@@ -519,32 +517,37 @@ def _largest_part(parts, extents, n):
 
 
 @inner
-def _divide(leaf_boxes, leaves, first, last, part, scratch):
-    """Divide a part where its widest axis is cheapest; return where the second half begins. Halves are not empty."""
-    extents, bins, sizes, areas = scratch[1], scratch[2], scratch[3], scratch[4]
-    axis, width = 0, np.float32(-1.0)
+def _divide(leaf_boxes, leaves, part, other, scratch):
+    """Divide a part where its widest axis is cheapest, in two that are not empty; the second becomes part `other`."""
+    parts, extents, bins, sizes, areas, places, spare, numbers = scratch
+    first, last = parts[part, 0], parts[part, 1]
+    axis, width = 0, ZERO
     for each in range(3):
         at = ROW * part + CENTRE + each
         if -extents[at] - extents[at + UPPER] > width:
             axis, width = each, -extents[at] - extents[at + UPPER]
-    if not width > ZERO:
-        return (first + last) // 2
-    low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width
-    for i in range(BINS):
-        sizes[i] = 0
+    low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width if width > ZERO else ZERO
+    sizes[:] = 0
+    for i in range(2 * BINS):
         store(bins, ROW * i, splat(ENDLESS))
     for i in range(first, last):
-        at = ROW * leaves[i]
-        place = np.int64((leaf_boxes[at + CENTRE + axis] - low) * scale)
+        leaf = np.int64(item(leaves, i))
+        at = ROW * leaf
+        place = np.int64((number(leaf_boxes, at + CENTRE + axis) - low) * scale)
+        put_item(places, leaf, place)
         sizes[place] += 1
+        place += BINS * (i & 1)  # in turns, since neighbours often are at one place
         store(bins, ROW * place, minimum(load(bins, ROW * place), load(leaf_boxes, at)))
-    middle = _cheapest(bins, 0, sizes, BINS, areas)[1]
-    i, j = first, last - 1
-    while i <= j:
-        leaf = leaves[i]
-        if np.int64((leaf_boxes[ROW * leaf + CENTRE + axis] - low) * scale) < middle:
-            i += 1
-        else:
-            leaves[i], leaves[j] = leaves[j], leaf
-            j -= 1
-    return i if first < i < last else (first + last) // 2
+    for i in range(BINS):
+        store(bins, ROW * i, minimum(load(bins, ROW * i), load(bins, ROW * (BINS + i))))
+    n = _cheapest(bins, 0, sizes, BINS, areas)[1]
+    middle = first + _partition(leaves[first:last], places, n, spare)
+    if first < middle < last:
+        _put_part(bins, numbers, 0, n, part, extents)
+        _put_part(bins, numbers, n, BINS, other, extents)
+    else:
+        middle = (first + last) // 2
+        _put_part(leaf_boxes, leaves, first, middle, part, extents)
+        _put_part(leaf_boxes, leaves, middle, last, other, extents)
+    parts[part, 1] = parts[other, 0] = middle
+    parts[other, 1] = last
