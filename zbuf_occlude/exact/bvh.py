@@ -308,10 +308,11 @@ def _sort_along(axis, n, scratch):
     for i in range(n):
         centre = number(boxes, ROW * i + CENTRE + axis)
         low, high = min(low, centre), max(high, centre)
-    scale = np.float32(PLACES - 1) / (high - low) if high > low else ZERO
+    wide = high - low > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
+    scale = np.float32(PLACES * 0.9999) / (high - low) if wide else ZERO
     counts[:] = 0
     for i in range(n):
-        place = min(np.int64((number(boxes, ROW * i + CENTRE + axis) - low) * scale), PLACES - 1)
+        place = np.int64((number(boxes, ROW * i + CENTRE + axis) - low) * scale)
         put_item(places, i, place)
         put_item(counts, place + 1, item(counts, place + 1) + 1)
     for i in range(PLACES):
@@ -368,7 +369,7 @@ def _partition(order, places, end, spare):
         which = item(order, i)
         put_item(order, n, which)
         put_item(spare, i - n, which)
-        n += np.int64(item(places, np.int64(which)) < end)
+        n += int(item(places, np.int64(which)) < end)
     for i in range(n, len(order)):
         order[i] = spare[i - n]
     return n

@@ -18,11 +18,8 @@ POSITION_BITS = 7
 BLOCK = 1024
 """Positions that a thread places at a time: their cells stay in its nearest cache."""
 
-DIGIT_BITS = 8
-"""Keys are sorted by this number of bits at a time: the places that are written to stay in the nearest cache."""
-
-BUCKET_BITS = 11
-"""Many keys are put into buckets by this number of their highest bits."""
+DIGIT_BITS = 11
+"""Keys are sorted by this number of bits at a time: counts and places stay in a cache."""
 
 MANY_KEYS = 1 << 17
 """More keys do not stay in a thread's cache."""
@@ -57,8 +54,8 @@ def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
     """
     spare, starts = np.empty_like(keys), np.array([0, len(keys)])
     if len(keys) > MANY_KEYS:
-        n_bits = max(n_bits - BUCKET_BITS, 0)
-        counts = np.zeros((n_blocks(len(keys), PART), 1 << BUCKET_BITS), dtype=np.int64)
+        n_bits = max(n_bits - DIGIT_BITS, 0)
+        counts = np.zeros((n_blocks(len(keys), PART), 1 << DIGIT_BITS), dtype=np.int64)
         together(_count_keys, len(counts), keys, index_bits + n_bits, counts)
         ends = counts.T.cumsum().reshape(counts.T.shape).T
         starts, places = np.append(0, ends[-1]), np.ascontiguousarray(ends - counts)
@@ -89,7 +86,7 @@ def _count_keys(tasks, keys, shift, counts):
     part = take(tasks)
     while part < len(counts):
         for i in range(part * PART, min((part + 1) * PART, len(keys))):
-            counts[part, _digit(keys[i], shift, BUCKET_BITS)] += 1
+            counts[part, _digit(keys[i], shift)] += 1
         part = take(tasks)
 
 
@@ -99,7 +96,7 @@ def _put_into_buckets(tasks, keys, spare, shift, places):
     part = take(tasks)
     while part < len(places):
         for i in range(part * PART, min((part + 1) * PART, len(keys))):
-            bucket = _digit(keys[i], shift, BUCKET_BITS)
+            bucket = _digit(keys[i], shift)
             spare[places[part, bucket]] = keys[i]
             places[part, bucket] += 1
         part = take(tasks)
@@ -114,12 +111,12 @@ def _sort_buckets(tasks, keys, spare, starts, first_bit, n_bits, counts):
         for shift in range(first_bit, first_bit + n_bits, DIGIT_BITS):
             counts[:] = 0
             for i in range(len(mine)):
-                counts[_digit(mine[i], shift, DIGIT_BITS)] += 1
+                counts[_digit(mine[i], shift)] += 1
             begin = 0
             for digit in range(len(counts)):
                 counts[digit], begin = begin, begin + counts[digit]
             for i in range(len(mine)):
-                digit = _digit(mine[i], shift, DIGIT_BITS)
+                digit = _digit(mine[i], shift)
                 other[counts[digit]] = mine[i]
                 counts[digit] += 1
             mine, other = other, mine
@@ -127,8 +124,8 @@ def _sort_buckets(tasks, keys, spare, starts, first_bit, n_bits, counts):
 
 
 @inlined
-def _digit(key, shift, n_bits):
-    return np.int64(key >> np.uint64(shift)) & ((1 << n_bits) - 1)
+def _digit(key, shift):
+    return np.int64(key >> np.uint64(shift)) & ((1 << DIGIT_BITS) - 1)
 
 
 def new_cells() -> IntArray:
