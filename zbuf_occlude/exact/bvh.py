@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_alo
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import greater, item, load, minimum, number, put_item, splat, store
+from zbuf_occlude.jit.simd import greater, item, load, minimum, number, numbers3, put_item, splat, store
 from zbuf_occlude.jit.threads import n_blocks, shared, take, take_block, together
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
@@ -73,7 +73,8 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
     Wald: On fast construction of SAH-based bounding volume hierarchies. IEEE RT 2007, doi:10.1109/RT.2007.4342588.
     """
     scale = 2.0 / mesh.diagonal if mesh.diagonal > 0.0 else 1.0
-    order, n_short = _order_along_curve(mesh)
+    order, n_short, n_faces = _order_along_curve(mesh)
+    order, left_out = order[:n_faces], order[n_faces:]
     n_leaves = n_blocks(n_short, LEAF)
     n_leaves += n_blocks(len(order) - n_short, LEAF)
     n_runs = n_blocks(n_short, RUN_FACES) + n_blocks(len(order) - n_short, RUN_FACES)
@@ -82,8 +83,8 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         centre=np.array(mesh.centre),
         scale=scale,
         contact=contact * scale,
-        face_ids=np.full((n_leaves, LEAF), -1, dtype=np.int32),
-        rows=np.full(len(mesh.faces) + 1, -1, dtype=np.int32),
+        face_ids=np.empty((n_leaves, LEAF), dtype=np.int32),
+        rows=np.empty(len(mesh.faces) + 1, dtype=np.int32),
         corners=aligned(n_leaves, 3, 3, LEAF),
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
@@ -96,6 +97,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         faces=mesh.faces,
         world_contact=contact,
     )
+    bvh.rows[left_out] = bvh.rows[-1] = -1
     together(_fill_runs, n_runs, bvh, order, n_short, leaf_boxes, own=_new_scratch)
     boxes, children, n_children, depth = _grow(leaf_boxes)
     return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
@@ -120,8 +122,8 @@ def _corner(vertices, faces, i):
     return item(vertices, at), item(vertices, at + 1), item(vertices, at + 2)
 
 
-def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int]:
-    """Return the faces that can block along the Hilbert curve, the long ones last, and how many are short."""
+def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
+    """Return the faces along the Hilbert curve: how many are short, and can block, these first, then the long ones."""
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)
@@ -130,7 +132,7 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int]:
     keys = sorted_keys(keys, index_bits, PLACE_BITS + 2)
     kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
     n_short, n = np.searchsorted(keys, kinds)
-    return (keys[:n].astype(np.uint32) & np.uint32((1 << index_bits) - 1)).view(np.int32), int(n_short)
+    return (keys.astype(np.uint32) & np.uint32((1 << index_bits) - 1)).view(np.int32), int(n_short), int(n)
 
 
 @shared
@@ -171,8 +173,8 @@ def _put_row(rows, i, axis, lower, upper):
 @inner
 def _half_area(rows, i):
     """Half the area of the box of a row."""
-    at = ROW * i
-    x, y, z = -rows[at] - rows[at + 3], -rows[at + 1] - rows[at + 4], -rows[at + 2] - rows[at + 5]
+    lower, upper = numbers3(rows, ROW * i, 1), numbers3(rows, ROW * i + UPPER, 1)
+    x, y, z = lower[0] + upper[0], lower[1] + upper[1], lower[2] + upper[2]  # negative all
     return x * y + y * z + z * x
 
 
@@ -184,17 +186,17 @@ def _cheapest(rows, row, sizes, n, areas):
     for i in range(n - 1, 0, -1):
         joined = minimum(joined, load(rows, ROW * (row + i)))
         store(rows, ROW * last, joined)
-        areas[i] = _half_area(rows, last)
-        behind += sizes[i]
+        put_item(areas, i, _half_area(rows, last))
+        behind += item(sizes, i)
     joined, before = load(rows, ROW * row), 0
-    least, middle = np.float32(np.inf), 0
+    least, middle = np.float32(np.inf), 1
     for i in range(1, n):
         joined = minimum(joined, load(rows, ROW * (row + i - 1)))
         store(rows, ROW * last, joined)
-        before += sizes[i - 1]
-        cost = _half_area(rows, last) * np.float32(before) + areas[i] * np.float32(behind)
-        behind -= sizes[i]
-        if middle == 0 or cost < least:
+        before += item(sizes, i - 1)
+        cost = _half_area(rows, last) * np.float32(before) + item(areas, i) * np.float32(behind)
+        behind -= item(sizes, i)
+        if cost < least:
             least, middle = cost, i
     return least, middle
 
@@ -280,6 +282,10 @@ def _read_corners(bvh, faces, scratch):
 @inner
 def _halve_run(n, scratch):
     """Halve segments of the n faces of a run until they are leaves; ``scratch.leaves`` has the leaf of each face."""
+    joined = load(scratch.boxes, 0)
+    for i in range(1, n):
+        joined = minimum(joined, load(scratch.boxes, ROW * i))
+    store(scratch.groups, 0, joined)
     for axis in range(3):
         _sort_along(axis, n, scratch)
     for group in range(0, n, LEAF):
@@ -302,12 +308,9 @@ def _halve_run(n, scratch):
 
 @inner
 def _sort_along(axis, n, scratch):
-    """Sort the n faces of a run by their centres along an axis, to `PLACES` steps of it."""
+    """Sort the n faces of a run by their centres along an axis, to `PLACES` steps; row 0 of groups joins all boxes."""
     boxes, places, counts = scratch.boxes, scratch.places, scratch.counts
-    low, high = ENDLESS, -ENDLESS
-    for i in range(n):
-        centre = number(boxes, ROW * i + CENTRE + axis)
-        low, high = min(low, centre), max(high, centre)
+    low, high = number(scratch.groups, CENTRE + axis), -number(scratch.groups, CENTRE + UPPER + axis)
     wide = high - low > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
     scale = np.float32(PLACES * 0.9999) / (high - low) if wide else ZERO
     counts[:] = 0
@@ -387,6 +390,8 @@ def _share_out(bvh, faces, leaf, scratch):
         put_item(members, at, i)
         put_item(bvh.face_ids, LEAF * leaf + at, faces[i])
         put_item(bvh.rows, np.int64(faces[i]), LEAF * leaf + at)
+    for i in range(len(faces), (len(faces) + LEAF - 1) // LEAF * LEAF):
+        put_item(bvh.face_ids, LEAF * leaf + i, -1)
 
 
 @inner
