@@ -49,8 +49,8 @@ def hilbert_order(positions: FloatArray) -> IntArray:
 def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
     """Return keys (n,) sorted by `n_bits` bits, below which an index ascends already; the keys given are scratch.
 
-    A radix sort, a dozen times as fast as the sort of NumPy, which compares. Many keys are first put into buckets by
-    their highest digit: buckets are sorted within a cache, and by several threads.
+    A radix sort. That of NumPy, which compares, takes 0.5 times as long with AVX-512, 1.5 with AVX2, else 5 times.
+    Many keys are first put into buckets by their highest digit: buckets are sorted within a cache, by several threads.
     """
     spare, starts = np.empty_like(keys), np.array([0, len(keys)])
     if len(keys) > MANY_KEYS:
@@ -58,7 +58,7 @@ def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
         counts = np.zeros((n_blocks(len(keys), PART), 1 << DIGIT_BITS), dtype=np.int64)
         together(_count_keys, len(counts), keys, index_bits + n_bits, counts)
         ends = counts.T.cumsum().reshape(counts.T.shape).T
-        starts, places = np.append(0, ends[-1]), np.ascontiguousarray(ends - counts)
+        starts, places = np.unique(np.append(0, ends[-1])), np.ascontiguousarray(ends - counts)
         together(_put_into_buckets, len(counts), keys, spare, index_bits + n_bits, places)
         keys, spare = spare, keys
     together(_sort_buckets, len(starts) - 1, keys, spare, starts, index_bits, n_bits, own=_new_counts)
