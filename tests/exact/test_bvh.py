@@ -7,6 +7,7 @@ from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.exact.bvh import Bvh, build_bvh
 from zbuf_occlude.exact.layout import LEAF
 from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.jit.threads import alone
 
 
 def leaves_below(bvh: Bvh, node: int, box: np.ndarray) -> list[int]:
@@ -65,3 +66,14 @@ def test_faces_at_one_place_are_in_one_leaf_each(n: int) -> None:
     bvh = build_bvh(Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.tile([[0, 1, 2]], (n, 1))), 0.0)
     assert np.array_equal(np.sort(bvh.face_ids[bvh.face_ids >= 0]), np.arange(n))
     assert sorted(leaves_below(bvh, 0, np.repeat([-np.inf, np.inf], 3))) == list(range(len(bvh.face_ids)))
+
+
+def test_the_number_of_threads_changes_nothing() -> None:
+    mesh = shapes.benchmark_mesh(150_000)  # more than are sorted by one thread
+    by_many = build_bvh(mesh, 0.0)
+    with alone():
+        by_one = build_bvh(mesh, 0.0)
+    used = (np.arange(LEAF) < by_one.n_children[:, None]).reshape(-1)
+    np.testing.assert_array_equal(by_many.children[used], by_one.children[used])
+    for name in set(Bvh._fields) - {"children"}:
+        np.testing.assert_array_equal(getattr(by_many, name), getattr(by_one, name), err_msg=name)

@@ -48,6 +48,16 @@ def test_vertices_that_no_face_uses_do_not_count() -> None:
     assert len(mesh.vertices) == 5
 
 
+def test_bounds_are_those_of_the_vertices_in_use() -> None:
+    """Of 300 vertices faces have some; those that lie outermost are in no face."""
+    rng = np.random.default_rng(0)
+    vertices, faces = rng.normal(size=(300, 3)), rng.integers(0, 290, (90, 3))
+    vertices[290:] *= 100.0
+    used = vertices[np.unique(faces)]
+    assert len(used) < 250
+    np.testing.assert_array_equal(Mesh(vertices, faces).bounds, [used.min(axis=0), used.max(axis=0)])
+
+
 @pytest.mark.parametrize("name", ["vertices", "faces", "source_face_ids", "corners", "face_normals", "areas", "bounds"])
 def test_nothing_can_be_changed(name: str) -> None:
     values = getattr(Mesh(CORNERS, [[0, 1, 2]]), name)

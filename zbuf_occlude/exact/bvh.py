@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_alo
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import load, minimum, splat, store
+from zbuf_occlude.jit.simd import greater, item, load, minimum, number, numbers3, put_item, splat, store
 from zbuf_occlude.jit.threads import n_blocks, shared, take, take_block, together
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
@@ -25,12 +25,14 @@ RUN_FACES = 512
 """Faces that are halved together, a multiple of `LEAF`."""
 ROW, CENTRE = 16, 6
 """Numbers of a row (`_put_row`), and where those of the centre begin."""
-DIGIT = 256
-"""Faces of a run are sorted by two digits of this base."""
+PLACES = 512
+"""Places along an axis that the faces of a run are sorted by; those at one place stay in the order of the curve."""
 BINS = 16
 """Leaves are divided at one of this many places."""
-NEVER = np.uint64(2**64 - 1)
-"""Key of a face that blocks nothing."""
+PLACE_BITS = 3 * CODE_BITS
+"""Bits of a face's place along the curve."""
+LONG_FACE, NO_FACE = 1, 2
+"""Kinds of faces, which are sorted by first: long ones, and those that block nothing; others are 0."""
 
 
 class Bvh(NamedTuple):
@@ -71,17 +73,18 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
     Wald: On fast construction of SAH-based bounding volume hierarchies. IEEE RT 2007, doi:10.1109/RT.2007.4342588.
     """
     scale = 2.0 / mesh.diagonal if mesh.diagonal > 0.0 else 1.0
-    order, n_short = _order_along_curve(mesh)
+    order, n_short, n_faces = _order_along_curve(mesh)
+    order, left_out = order[:n_faces], order[n_faces:]
     n_leaves = n_blocks(n_short, LEAF)
-    runs = [_runs_of(0, n_short, 0), _runs_of(n_short, len(order), n_leaves)]
     n_leaves += n_blocks(len(order) - n_short, LEAF)
-    leaf_boxes = np.zeros(n_leaves * ROW, dtype=np.float32)
+    n_runs = n_blocks(n_short, RUN_FACES) + n_blocks(len(order) - n_short, RUN_FACES)
+    leaf_boxes = aligned(n_leaves * ROW)
     bvh = Bvh(
         centre=np.array(mesh.centre),
         scale=scale,
         contact=contact * scale,
-        face_ids=np.full((n_leaves, LEAF), -1, dtype=np.int32),
-        rows=np.full(len(mesh.faces) + 1, -1, dtype=np.int32),
+        face_ids=np.empty((n_leaves, LEAF), dtype=np.int32),
+        rows=np.empty(len(mesh.faces) + 1, dtype=np.int32),
         corners=aligned(n_leaves, 3, 3, LEAF),
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
@@ -94,8 +97,8 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         faces=mesh.faces,
         world_contact=contact,
     )
-    both = np.concatenate(runs)
-    together(_fill_runs, len(both), bvh, order, both, leaf_boxes, own=_new_scratch)
+    bvh.rows[left_out] = bvh.rows[-1] = -1
+    together(_fill_runs, n_runs, bvh, order, n_short, leaf_boxes, own=_new_scratch)
     boxes, children, n_children, depth = _grow(leaf_boxes)
     return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
 
@@ -112,26 +115,35 @@ def _vertex(bvh, i):
     return bvh.vertices[i, 0], bvh.vertices[i, 1], bvh.vertices[i, 2]
 
 
-def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int]:
-    """Return the faces that can block along the Hilbert curve, the long ones last, and how many are short."""
+@inlined
+def _corner(vertices, faces, i):
+    """Corner i of all faces' one after the other."""
+    at = 3 * np.int64(item(faces, i))
+    return item(vertices, at), item(vertices, at + 1), item(vertices, at + 2)
+
+
+def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
+    """Return the faces along the Hilbert curve: how many are short, and can block, these first, then the long ones."""
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
     together(_measure_faces, n_blocks(n_faces, BLOCK), *measured, own=new_cells)
-    keys = sorted_keys(keys, index_bits, 64 - index_bits)
-    n_short, n = np.searchsorted(keys, np.array([1 << 63, NEVER], dtype=np.uint64))
-    return (keys[:n] & np.uint64((1 << index_bits) - 1)).astype(np.int32), int(n_short)
+    keys = sorted_keys(keys, index_bits, PLACE_BITS + 2)
+    kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
+    n_short, n = np.searchsorted(keys, kinds)
+    return (keys.astype(np.uint32) & np.uint32((1 << index_bits) - 1)).view(np.int32), int(n_short), int(n)
 
 
 @shared
 def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
-    """Give each face the key that sorts it: long or not, its centre's place along the curve, its number."""
+    """Give each face the key that sorts it: what kind it is, its centre's place along the curve, its number."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     first, last = take_block(tasks, len(faces), BLOCK)
     while first < last:
         for face in range(first, last):
-            a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
+            a = _corner(vertices, faces, 3 * face)
+            b, c = _corner(vertices, faces, 3 * face + 1), _corner(vertices, faces, 3 * face + 2)
             extent = 0.0
             for axis in range(3):
                 lower, upper = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
@@ -139,10 +151,11 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
                 cells[axis, face - first] = np.int64((0.5 * (lower + upper) - low[axis]) * scale)
             normal = cross(minus(b, a), minus(c, a))
             blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0)
-            keys[face] = np.uint64(extent > LONG * side) << np.uint64(63) if blocks else NEVER
+            keys[face] = np.int64(extent > LONG * side) if blocks else NO_FACE
         place_along_curve(cells, last - first, CODE_BITS)
         for face in range(first, last):
-            keys[face] |= (np.uint64(cells[0, face - first]) << np.uint64(index_bits)) | np.uint64(face)
+            key = np.int64(keys[face]) << PLACE_BITS | np.int64(cells[0, face - first])
+            keys[face] = key << index_bits | face
         first, last = take_block(tasks, len(faces), BLOCK)
 
 
@@ -160,29 +173,30 @@ def _put_row(rows, i, axis, lower, upper):
 @inner
 def _half_area(rows, i):
     """Half the area of the box of a row."""
-    at = ROW * i
-    x, y, z = -rows[at] - rows[at + 3], -rows[at + 1] - rows[at + 4], -rows[at + 2] - rows[at + 5]
+    lower, upper = numbers3(rows, ROW * i, 1), numbers3(rows, ROW * i + UPPER, 1)
+    x, y, z = lower[0] + upper[0], lower[1] + upper[1], lower[2] + upper[2]  # negative all
     return x * y + y * z + z * x
 
 
 @inner
-def _cheapest(rows, sizes, n, areas):
-    """Least cost of halving n rows of such sizes, and the row that the second half begins with; row n is scratch."""
-    joined, behind = load(rows, ROW * (n - 1)), 0
+def _cheapest(rows, row, sizes, n, areas):
+    """Least cost of halving n rows, from one on, of such sizes, and after how many; the last row is scratch."""
+    last = len(rows) // ROW - 1
+    joined, behind = load(rows, ROW * (row + n - 1)), 0
     for i in range(n - 1, 0, -1):
-        joined = minimum(joined, load(rows, ROW * i))
-        store(rows, ROW * n, joined)
-        areas[i] = _half_area(rows, n)
-        behind += sizes[i]
-    joined, before = load(rows, 0), 0
-    least, middle = np.float32(np.inf), 0
+        joined = minimum(joined, load(rows, ROW * (row + i)))
+        store(rows, ROW * last, joined)
+        put_item(areas, i, _half_area(rows, last))
+        behind += item(sizes, i)
+    joined, before = load(rows, ROW * row), 0
+    least, middle = np.float32(np.inf), 1
     for i in range(1, n):
-        joined = minimum(joined, load(rows, ROW * (i - 1)))
-        store(rows, ROW * n, joined)
-        before += sizes[i - 1]
-        cost = _half_area(rows, n) * np.float32(before) + areas[i] * np.float32(behind)
-        behind -= sizes[i]
-        if middle == 0 or cost < least:
+        joined = minimum(joined, load(rows, ROW * (row + i - 1)))
+        store(rows, ROW * last, joined)
+        before += item(sizes, i - 1)
+        cost = _half_area(rows, last) * np.float32(before) + item(areas, i) * np.float32(behind)
+        behind -= item(sizes, i)
+        if cost < least:
             least, middle = cost, i
     return least, middle
 
@@ -193,206 +207,237 @@ def _cheapest(rows, sizes, n, areas):
 class Scratch(NamedTuple):
     """What a thread needs to halve a run."""
 
+    corners: FloatArray  # (RUN_FACES, 3 corners, 3 axes) of its faces, scene space
     boxes: Float32  # rows (`_put_row`) of its faces
     orders: IntArray  # (3, RUN_FACES) its faces along each axis
     spare: IntArray  # (RUN_FACES,)
-    places: Int64  # (RUN_FACES,) of the faces along an axis, in two digits
-    counts: Int64  # (DIGIT + 1,)
-    first_half: Int64  # (RUN_FACES,) 1 for the faces of a segment's first half
-    groups: Float32  # rows of 16 faces along an axis, and one more
-    sizes: Int64  # (RUN_FACES / 16,) how many they are
+    places: IntArray  # (RUN_FACES,) of its faces along an axis
+    counts: IntArray  # (PLACES + 1,)
+    leaves: IntArray  # (RUN_FACES,) of the faces, from the run's first on
+    groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and one more
+    sizes: Int64  # (RUN_FACES / 16,) how many faces the groups have
     areas: Float32  # (RUN_FACES / 16,) of the groups from each on
-    segments: Int64  # (RUN_FACES / 16 + 1, 2) those to be halved
+    segments: Int64  # (RUN_FACES / 16 + 1, 3) those to be halved: first and last, and an axis with groups
+    lanes: FloatArray  # (9, 16) the corners of a leaf's faces
+    planes: Float32  # (14, 16) the same rounded, four numbers of the plane, and 1 for the weak
 
 
 def _new_scratch() -> Scratch:
     n = RUN_FACES // LEAF
     return Scratch(
-        boxes=np.empty(RUN_FACES * ROW, dtype=np.float32),
+        corners=np.empty((RUN_FACES, 3, 3)),
+        boxes=aligned(RUN_FACES * ROW),
         orders=np.empty((3, RUN_FACES), dtype=np.int32),
         spare=np.empty(RUN_FACES, dtype=np.int32),
-        places=np.empty(RUN_FACES, dtype=np.int64),
-        counts=np.empty(DIGIT + 1, dtype=np.int64),
-        first_half=np.empty(RUN_FACES, dtype=np.int64),
-        groups=np.empty((n + 1) * ROW, dtype=np.float32),
+        places=np.empty(RUN_FACES, dtype=np.int32),
+        counts=np.empty(PLACES + 1, dtype=np.int32),
+        leaves=np.empty(RUN_FACES, dtype=np.int32),
+        groups=aligned((3 * n + 1) * ROW),
         sizes=np.empty(n, dtype=np.int64),
         areas=np.empty(n, dtype=np.float32),
-        segments=np.empty((n + 1, 2), dtype=np.int64),
+        segments=np.empty((n + 1, 3), dtype=np.int64),
+        lanes=np.empty(9 * LEAF),
+        planes=aligned(14 * LEAF),
     )
 
 
-def _runs_of(first: int, last: int, leaf: int) -> Int64:
-    """Return where runs of faces from one to another begin and end, and the first leaf of each, (n, 3)."""
-    firsts = np.arange(first, last, RUN_FACES)
-    return np.stack([firsts, np.minimum(firsts + RUN_FACES, last), leaf + (firsts - first) // LEAF], axis=1)
-
-
 @shared
-def _fill_runs(tasks, bvh, order, runs, leaf_boxes, scratch):
-    """Make leaves of each run of faces, and fill in what a BVH has of them."""
+def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
+    """Make leaves of runs of faces, the short ones first, and fill in what a BVH has of them."""
     bvh_at, scratch_at = reference(bvh), reference(scratch)
-    run = take(tasks)
-    while run < len(runs):
-        first, last, leaf = runs[run, 0], runs[run, 1], runs[run, 2]
-        _halve_run(bvh_at, order[first:last], scratch_at)
-        _share_out(bvh_at, order[first:last], leaf, scratch_at)
-        for i in range((last - first + LEAF - 1) // LEAF):
-            _fill_leaf(bvh_at, leaf + i, leaf_boxes)
+    n_runs, n_leaves = (n_short + RUN_FACES - 1) // RUN_FACES, (n_short + LEAF - 1) // LEAF
+    while True:
         run = take(tasks)
+        begin, end, leaf = 0, n_short, 0
+        if run >= n_runs:
+            run, begin, end, leaf = run - n_runs, n_short, len(order), n_leaves
+        first = begin + RUN_FACES * run
+        if first >= end:
+            break
+        faces, leaf = order[first : min(first + RUN_FACES, end)], leaf + RUN_FACES // LEAF * run
+        _read_corners(bvh_at, faces, scratch_at)
+        _halve_run(len(faces), scratch_at)
+        _share_out(bvh_at, faces, leaf, scratch_at)
+        for i in range((len(faces) + LEAF - 1) // LEAF):
+            _fill_leaf(bvh_at, LEAF * i, min(LEAF, len(faces) - LEAF * i), leaf + i, leaf_boxes, scratch_at)
 
 
 @inner
-def _halve_run(bvh, faces, scratch):
-    """Halve segments of a run until they are leaves: row 0 of ``scratch.orders`` has one after the other."""
+def _read_corners(bvh, faces, scratch):
+    """Fill in the corners of a run's faces, in scene space, and the rows of their boxes."""
+    corners, x, y, z, scale = scratch.corners, bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
+    for i in range(len(faces)):  # apart from what follows, so that the processor waits for many vertices at a time
+        for corner in range(3):
+            p, at = _corner(bvh.vertices, bvh.faces, 3 * np.int64(item(faces, i)) + corner), 9 * i + 3 * corner
+            put_item(corners, at, (p[0] - x) * scale)
+            put_item(corners, at + 1, (p[1] - y) * scale)
+            put_item(corners, at + 2, (p[2] - z) * scale)
     for i in range(len(faces)):
-        a, b, c = corners_of(bvh, faces[i])
-        a, b, c = _to_scene(bvh, a), _to_scene(bvh, b), _to_scene(bvh, c)
         for axis in range(3):
-            _put_row(scratch.boxes, i, axis, min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis]))
+            at = 9 * i + axis
+            a, b, c = item(corners, at), item(corners, at + 3), item(corners, at + 6)
+            _put_row(scratch.boxes, i, axis, np.float32(min(a, b, c)), np.float32(max(a, b, c)))
+
+
+@inner
+def _halve_run(n, scratch):
+    """Halve segments of the n faces of a run until they are leaves; ``scratch.leaves`` has the leaf of each face."""
+    joined = load(scratch.boxes, 0)
+    for i in range(1, n):
+        joined = minimum(joined, load(scratch.boxes, ROW * i))
+    store(scratch.groups, 0, joined)
     for axis in range(3):
-        _sort_along(axis, len(faces), scratch)
+        _sort_along(axis, n, scratch)
+    for group in range(0, n, LEAF):
+        scratch.sizes[group // LEAF] = min(LEAF, n - group)
+    _join_groups(0, 0, n, scratch)
     segments, n_segments = scratch.segments, 1
-    segments[0, 0], segments[0, 1] = 0, len(faces)
+    segments[0, 0], segments[0, 1], segments[0, 2] = 0, n, 0
     while n_segments > 0:
         n_segments -= 1
-        first, last = segments[n_segments, 0], segments[n_segments, 1]
+        first, last, axis = segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2]
         if last - first <= LEAF:
+            for i in range(first, last):
+                scratch.leaves[scratch.orders[axis, i]] = first // LEAF
             continue
-        middle = first + _halve(first, last, scratch)
-        segments[n_segments, 0], segments[n_segments, 1] = first, middle
-        segments[n_segments + 1, 0], segments[n_segments + 1, 1] = middle, last
+        middle, axis = _halve(first, last, axis, scratch)
+        segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2] = first, middle, axis
+        segments[n_segments + 1, 0], segments[n_segments + 1, 1], segments[n_segments + 1, 2] = middle, last, axis
         n_segments += 2
 
 
 @inner
 def _sort_along(axis, n, scratch):
-    """Sort the n faces of a run by their centres along an axis, to 2^16 steps of it."""
-    boxes, places, counts, order, spare = scratch.boxes, scratch.places, scratch.counts, scratch.orders, scratch.spare
-    low, high = ENDLESS, -ENDLESS
+    """Sort the n faces of a run by their centres along an axis, to `PLACES` steps; row 0 of groups joins all boxes."""
+    boxes, places, counts = scratch.boxes, scratch.places, scratch.counts
+    low, high = number(scratch.groups, CENTRE + axis), -number(scratch.groups, CENTRE + UPPER + axis)
+    wide = high - low > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
+    scale = np.float32(PLACES * 0.9999) / (high - low) if wide else ZERO
+    counts[:] = 0
     for i in range(n):
-        centre = boxes[ROW * i + CENTRE + axis]
-        low, high = min(low, centre), max(high, centre)
-    scale = np.float32(DIGIT * DIGIT - 1) / (high - low) if high > low else ZERO
+        place = np.int64((number(boxes, ROW * i + CENTRE + axis) - low) * scale)
+        put_item(places, i, place)
+        put_item(counts, place + 1, item(counts, place + 1) + 1)
+    for i in range(PLACES):
+        counts[i + 1] += counts[i]
     for i in range(n):
-        places[i] = min(np.int64((boxes[ROW * i + CENTRE + axis] - low) * scale), DIGIT * DIGIT - 1)
-    for digit in range(2):
-        counts[:] = 0
-        for i in range(n):
-            counts[((places[i] >> (8 * digit)) & (DIGIT - 1)) + 1] += 1
-        for i in range(DIGIT):
-            counts[i + 1] += counts[i]
-        target = order[axis] if digit else spare
-        for i in range(n):
-            face = spare[i] if digit else i
-            value = (places[face] >> (8 * digit)) & (DIGIT - 1)
-            target[counts[value]] = face
-            counts[value] += 1
+        place = np.int64(item(places, i))
+        at = np.int64(item(counts, place))
+        put_item(scratch.orders, RUN_FACES * axis + at, i)
+        put_item(counts, place, at + 1)
+
+
+@inner
+def _halve(first, last, known, scratch):
+    """Divide a segment at its cheapest: return where its second half begins, and along which axis.
+
+    The axis given has the rows of its groups. Along the others the first half's faces are put first, unless both
+    halves are leaves.
+    """
+    orders, least, axis, half = scratch.orders, np.inf, 0, 0
+    n = (last - first + LEAF - 1) // LEAF
+    for candidate in range(3):
+        if candidate != known:
+            _join_groups(candidate, first, last, scratch)
+        row = (RUN_FACES * candidate + first) // LEAF
+        cost, middle = _cheapest(scratch.groups, row, scratch.sizes[first // LEAF :], n, scratch.areas)
+        if half == 0 or cost < least:
+            least, axis, half = cost, candidate, middle
+    half *= LEAF
+    if max(half, last - first - half) > LEAF:
+        for i in range(first, last):
+            put_item(scratch.places, np.int64(item(orders, RUN_FACES * axis + i)), i)
+        for other in range(3):
+            if other != axis:
+                _partition(orders[other, first:last], scratch.places, first + half, scratch.spare)
+    return first + half, axis
+
+
+@inner
+def _join_groups(axis, first, last, scratch):
+    """Join the boxes of each 16 faces of a segment along an axis."""
+    boxes, orders, base = scratch.boxes, scratch.orders, RUN_FACES * axis
+    for group in range(base + first, base + last, LEAF):
+        joined = load(boxes, ROW * np.int64(item(orders, group)))
+        for i in range(group + 1, min(group + LEAF, base + last)):
+            joined = minimum(joined, load(boxes, ROW * np.int64(item(orders, i))))
+        store(scratch.groups, group // LEAF * ROW, joined)
+
+
+@inner
+def _partition(order, places, end, spare):
+    """Put what has a place before an end first, else keep the order; return how many these are."""
+    n = 0
+    for i in range(len(order)):  # without branches, which are hard to predict
+        which = item(order, i)
+        put_item(order, n, which)
+        put_item(spare, i - n, which)
+        n += int(item(places, np.int64(which)) < end)
+    for i in range(n, len(order)):
+        order[i] = spare[i - n]
+    return n
 
 
 @inner
 def _share_out(bvh, faces, leaf, scratch):
-    """Write the faces of each leaf as they were given, along the curve: points sorted by face then follow it too."""
-    leaves, counts = scratch.spare, scratch.counts
+    """Give each leaf its faces in the order of the curve: points sorted by face then follow it too."""
+    members, counts = scratch.orders, scratch.counts
     counts[: RUN_FACES // LEAF] = 0
     for i in range(len(faces)):
-        leaves[scratch.orders[0, i]] = i // LEAF
-    for i in range(len(faces)):
-        mine = leaves[i]
-        bvh.face_ids[leaf + mine, counts[mine]] = faces[i]
-        counts[mine] += 1
+        mine = np.int64(item(scratch.leaves, i))
+        at = LEAF * mine + np.int64(item(counts, mine))
+        put_item(counts, mine, item(counts, mine) + 1)
+        put_item(members, at, i)
+        put_item(bvh.face_ids, LEAF * leaf + at, faces[i])
+        put_item(bvh.rows, np.int64(faces[i]), LEAF * leaf + at)
+    for i in range(len(faces), (len(faces) + LEAF - 1) // LEAF * LEAF):
+        put_item(bvh.face_ids, LEAF * leaf + i, -1)
 
 
 @inner
-def _fill_leaf(bvh, leaf, leaf_boxes):
-    """Fill in what a BVH has of a leaf, the rows of its faces, and its box, rounded outwards."""
-    used, weak, outwards = np.int64(0), np.int64(0), np.float32(2.0) * ROUNDOFF
-    low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
+def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
+    """Fill in what a BVH has of a leaf with n of a run's faces, from one on, and its box, rounded outwards."""
+    members, lanes = scratch.orders, scratch.lanes
+    joined = load(scratch.boxes, ROW * np.int64(item(members, first)))
     for lane in range(LEAF):
-        face = bvh.face_ids[leaf, lane]
-        if face >= 0:
-            used |= np.int64(1) << lane
-            bvh.rows[face] = leaf * LEAF + lane
-        else:
-            face = bvh.face_ids[leaf, 0]  # anything finite
-        a, b, c = corners_of(bvh, face)
-        a, b, c = _to_scene(bvh, a), _to_scene(bvh, b), _to_scene(bvh, c)
-        weak |= np.int64(_fill_face(bvh, leaf, lane, a, b, c)) << lane
-        low = min(low[0], a[0], b[0], c[0]), min(low[1], a[1], b[1], c[1]), min(low[2], a[2], b[2], c[2])
-        high = max(high[0], a[0], b[0], c[0]), max(high[1], a[1], b[1], c[1]), max(high[2], a[2], b[2], c[2])
+        i = np.int64(item(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
+        joined = minimum(joined, load(scratch.boxes, ROW * i))
+        for k in range(9):
+            put_item(lanes, LEAF * k + lane, item(scratch.corners, 9 * i + k))
+    store(leaf_boxes, ROW * leaf, joined)
+    outwards = np.float32(2.0) * ROUNDOFF
     for axis in range(3):
-        _put_row(leaf_boxes, leaf, axis, np.float32(low[axis]) - outwards, np.float32(high[axis]) + outwards)
-    bvh.used[leaf], bvh.weak[leaf] = used, weak & used
+        lower, upper = leaf_boxes[ROW * leaf + axis], -leaf_boxes[ROW * leaf + UPPER + axis]
+        _put_row(leaf_boxes, leaf, axis, lower - outwards, upper + outwards)
+    _fill_planes(lanes, scratch.planes)
+    for k in range(9):
+        store(bvh.corners, LEAF * (9 * leaf + k), load(scratch.planes, LEAF * k))
+    for k in range(4):
+        store(bvh.planes, LEAF * (4 * leaf + k), load(scratch.planes, LEAF * (9 + k)))
+    used = (np.int64(1) << n) - 1
+    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(scratch.planes, LEAF * 13), splat(ZERO))
 
 
 @inner
-def _fill_face(bvh, leaf, lane, a, b, c):
-    """Fill in a face's corners, unit normal and offset; return whether float64 cannot vouch for the normal."""
-    u, v, w = minus(b, a), minus(c, b), minus(a, c)
-    normal = cross(u, minus(c, a))
-    length = np.sqrt(dot(normal, normal))
-    inverse = 1.0 / length if length > 0.0 else 0.0
-    offset = 0.0
-    for axis in range(3):
-        bvh.corners[leaf, 0, axis, lane] = a[axis]
-        bvh.corners[leaf, 1, axis, lane] = b[axis]
-        bvh.corners[leaf, 2, axis, lane] = c[axis]
-        bvh.planes[leaf, axis, lane] = normal[axis] * inverse
-        offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
-    bvh.planes[leaf, 3, lane] = offset / 3.0
-    return length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
-
-
-@inner
-def _to_scene(bvh, p):
-    return (
-        (p[0] - bvh.centre[0]) * bvh.scale,
-        (p[1] - bvh.centre[1]) * bvh.scale,
-        (p[2] - bvh.centre[2]) * bvh.scale,
-    )
-
-
-@inner
-def _halve(first, last, scratch):
-    """Put the faces of a segment's better half first along each axis; return how many they are."""
-    orders, least, axis, half = scratch.orders, np.inf, 0, 0
-    for candidate in range(3):
-        order = orders[candidate, first:last]
-        cost, size = _cheapest_half(scratch.boxes, order, scratch)
-        if half == 0 or cost < least:
-            least, axis, half = cost, candidate, size
-    for i in range(first, last):
-        scratch.first_half[orders[axis, i]] = i < first + half
-    for other in range(3):
-        if other != axis:
-            _partition(orders[other, first:last], scratch.first_half, scratch.spare)
-    return half
-
-
-@inner
-def _cheapest_half(boxes, order, scratch):
-    """Least cost of halving faces in an order after a multiple of 16, and after how many."""
-    n, n_groups = len(order), (len(order) + LEAF - 1) // LEAF
-    for group in range(n_groups):
-        first, last = group * LEAF, min((group + 1) * LEAF, n)
-        joined = load(boxes, ROW * order[first])
-        for i in range(first + 1, last):
-            joined = minimum(joined, load(boxes, ROW * order[i]))
-        store(scratch.groups, ROW * group, joined)
-        scratch.sizes[group] = last - first
-    cost, middle = _cheapest(scratch.groups, scratch.sizes, n_groups, scratch.areas)
-    return cost, middle * LEAF
-
-
-@inner
-def _partition(order, first_half, scratch):
-    """Put the faces of the first half first, else keep their order."""
-    n = 0
-    for i in range(len(order)):  # without branches, which are hard to predict
-        face = order[i]
-        order[n] = scratch[i - n] = face
-        n += first_half[face]
-    for i in range(n, len(order)):
-        order[i] = scratch[i - n]
+def _fill_planes(lanes, planes):
+    """Of the corners of 16 faces: rounded, unit normals and offsets, and whether float64 cannot vouch for a normal."""
+    for i in range(LEAF):  # a loop without branches, which the compiler turns into vectors
+        a = item(lanes, i), item(lanes, LEAF + i), item(lanes, 2 * LEAF + i)
+        b = item(lanes, 3 * LEAF + i), item(lanes, 4 * LEAF + i), item(lanes, 5 * LEAF + i)
+        c = item(lanes, 6 * LEAF + i), item(lanes, 7 * LEAF + i), item(lanes, 8 * LEAF + i)
+        u, v, w = minus(b, a), minus(c, b), minus(a, c)
+        normal = cross(u, minus(c, a))
+        length = np.sqrt(dot(normal, normal))
+        inverse = 1.0 / length if length > 0.0 else 0.0
+        offset = 0.0
+        for axis in range(3):
+            put_item(planes, LEAF * axis + i, a[axis])
+            put_item(planes, LEAF * (3 + axis) + i, b[axis])
+            put_item(planes, LEAF * (6 + axis) + i, c[axis])
+            put_item(planes, LEAF * (9 + axis) + i, normal[axis] * inverse)
+            offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
+        put_item(planes, LEAF * 12 + i, offset / 3.0)
+        put_item(planes, LEAF * 13 + i, length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w)))
 
 
 # Nodes
@@ -405,9 +450,10 @@ def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray, int]:
     boxes, children = np.zeros((room * 6, LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
     n_children, leaves = np.empty(room, dtype=np.int32), np.arange(n_leaves, dtype=np.int32)
     spans, parts = np.empty((room, 3), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
-    extents, bins = np.empty(LEAF * ROW, dtype=np.float32), np.empty((BINS + 1) * ROW, dtype=np.float32)
+    extents, bins = aligned(LEAF * ROW), aligned((2 * BINS + 1) * ROW)
     sizes, areas = np.empty(BINS, dtype=np.int64), np.empty(BINS, dtype=np.float32)
-    scratch = parts, extents, bins, sizes, areas
+    (places, spare), numbers = np.empty((2, n_leaves), dtype=np.int32), np.arange(BINS, dtype=np.int32)
+    scratch = parts, extents, bins, sizes, areas, places, spare, numbers
     n = _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
     used = aligned(n * 6, LEAF)
     used[:] = boxes[: n * 6]
@@ -428,19 +474,18 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
         first, last, n = spans[node, 0], spans[node, 1], 0
         if last - first <= LEAF:
             for i in range(first, last):
-                _put_part(leaf_boxes, leaves, i, i + 1, n, parts, extents)
+                _put_part(leaf_boxes, leaves, i, i + 1, n, extents)
+                parts[n, 0], parts[n, 1] = i, i + 1
                 n += 1
         else:
-            _put_part(leaf_boxes, leaves, first, last, n, parts, extents)
+            _put_part(leaf_boxes, leaves, first, last, n, extents)
+            parts[n, 0], parts[n, 1] = first, last
             n += 1
             while n < LEAF:
                 largest = _largest_part(parts, extents, n)
                 if largest < 0:
                     break
-                first, last = parts[largest, 0], parts[largest, 1]
-                middle = _divide(leaf_boxes, leaves, first, last, largest, scratch)
-                _put_part(leaf_boxes, leaves, first, middle, largest, parts, extents)
-                _put_part(leaf_boxes, leaves, middle, last, n, parts, extents)
+                _divide(leaf_boxes, leaves, largest, n, scratch)
                 n += 1
         n_children[node] = n
         for i in range(n):
@@ -458,13 +503,12 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
 
 
 @inner
-def _put_part(leaf_boxes, leaves, first, last, i, parts, extents):
-    """Note part i: which leaves, and the row that joins theirs."""
-    joined = load(leaf_boxes, ROW * leaves[first])
-    for j in range(first + 1, last):
-        joined = minimum(joined, load(leaf_boxes, ROW * leaves[j]))
-    store(extents, ROW * i, joined)
-    parts[i, 0], parts[i, 1] = first, last
+def _put_part(rows, members, first, last, part, extents):
+    """Note the box of a part: that which joins some of the members' rows."""
+    joined = load(rows, ROW * np.int64(item(members, first)))
+    for i in range(first + 1, last):
+        joined = minimum(joined, load(rows, ROW * np.int64(item(members, i))))
+    store(extents, ROW * part, joined)
 
 
 @inner
@@ -479,32 +523,37 @@ def _largest_part(parts, extents, n):
 
 
 @inner
-def _divide(leaf_boxes, leaves, first, last, part, scratch):
-    """Divide a part where its widest axis is cheapest; return where the second half begins. Halves are not empty."""
-    extents, bins, sizes, areas = scratch[1], scratch[2], scratch[3], scratch[4]
-    axis, width = 0, np.float32(-1.0)
+def _divide(leaf_boxes, leaves, part, other, scratch):
+    """Divide a part where its widest axis is cheapest, in two that are not empty; the second becomes part `other`."""
+    parts, extents, bins, sizes, areas, places, spare, numbers = scratch
+    first, last = parts[part, 0], parts[part, 1]
+    axis, width = 0, ZERO
     for each in range(3):
         at = ROW * part + CENTRE + each
         if -extents[at] - extents[at + UPPER] > width:
             axis, width = each, -extents[at] - extents[at + UPPER]
-    if not width > ZERO:
-        return (first + last) // 2
-    low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width
-    for i in range(BINS):
-        sizes[i] = 0
+    low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width if width > ZERO else ZERO
+    sizes[:] = 0
+    for i in range(2 * BINS):
         store(bins, ROW * i, splat(ENDLESS))
     for i in range(first, last):
-        at = ROW * leaves[i]
-        place = np.int64((leaf_boxes[at + CENTRE + axis] - low) * scale)
+        leaf = np.int64(item(leaves, i))
+        at = ROW * leaf
+        place = np.int64((number(leaf_boxes, at + CENTRE + axis) - low) * scale)
+        put_item(places, leaf, place)
         sizes[place] += 1
+        place += BINS * (i & 1)  # in turns, since neighbours often are at one place
         store(bins, ROW * place, minimum(load(bins, ROW * place), load(leaf_boxes, at)))
-    middle = _cheapest(bins, sizes, BINS, areas)[1]
-    i, j = first, last - 1
-    while i <= j:
-        leaf = leaves[i]
-        if np.int64((leaf_boxes[ROW * leaf + CENTRE + axis] - low) * scale) < middle:
-            i += 1
-        else:
-            leaves[i], leaves[j] = leaves[j], leaf
-            j -= 1
-    return i if first < i < last else (first + last) // 2
+    for i in range(BINS):
+        store(bins, ROW * i, minimum(load(bins, ROW * i), load(bins, ROW * (BINS + i))))
+    n = _cheapest(bins, 0, sizes, BINS, areas)[1]
+    middle = first + _partition(leaves[first:last], places, n, spare)
+    if first < middle < last:
+        _put_part(bins, numbers, 0, n, part, extents)
+        _put_part(bins, numbers, n, BINS, other, extents)
+    else:
+        middle = (first + last) // 2
+        _put_part(leaf_boxes, leaves, first, middle, part, extents)
+        _put_part(leaf_boxes, leaves, middle, last, other, extents)
+    parts[part, 1] = parts[other, 0] = middle
+    parts[other, 1] = last

@@ -1,5 +1,6 @@
 """Sizes and array layouts that the kernels share, error bounds of float32, and a thread's workspace."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ DEPTHS = 64
 
 def aligned(*shape: int) -> Float32:
     """Allocate float32 from the beginning of a cache line on, so that each 16 of them lie in one."""
-    numbers = np.empty(int(np.prod(shape)) + N_LANES, dtype=np.float32)
+    numbers = np.empty(math.prod(shape) + N_LANES, dtype=np.float32)
     first = -numbers.ctypes.data // numbers.itemsize % N_LANES
     return numbers[first : first + len(numbers) - N_LANES].reshape(shape)
 

