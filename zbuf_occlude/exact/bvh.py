@@ -9,7 +9,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_along_curve, sorted_keys
+from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, indices_of, new_cells, place_along_curve
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
@@ -129,10 +129,10 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
     together(_measure_faces, n_blocks(n_faces, BLOCK), *measured, own=new_cells)
-    keys = sorted_keys(keys, index_bits, PLACE_BITS + 2)
+    keys.sort()
     kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
     n_short, n = np.searchsorted(keys, kinds)
-    return (keys.astype(np.uint32) & np.uint32((1 << index_bits) - 1)).view(np.int32), int(n_short), int(n)
+    return indices_of(keys, index_bits), int(n_short), int(n)
 
 
 @shared
