@@ -9,7 +9,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, indices_of, new_cells, place_along_curve
+from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, indices_of, new_cells, place_along_curve
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
@@ -23,6 +23,8 @@ LONG = 0.125
 """Faces longer than this fraction of the mesh's longest side are grouped among themselves."""
 RUN_FACES = 512
 """Faces that are halved together, a multiple of `LEAF`."""
+THREAD_RUNS = 4
+"""Runs that are worth another thread: fewer are done before it wakes."""
 ROW, CENTRE = 16, 6
 """Numbers of a row (`_put_row`), and where those of the centre begin."""
 PLACES = 512
@@ -98,7 +100,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         world_contact=contact,
     )
     bvh.rows[left_out] = bvh.rows[-1] = -1
-    together(_fill_runs, n_runs, bvh, order, n_short, leaf_boxes, own=_new_scratch)
+    together(_fill_runs, n_blocks(n_runs, THREAD_RUNS), bvh, order, n_short, leaf_boxes, own=_new_scratch)
     boxes, children, n_children, depth = _grow(leaf_boxes)
     return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
 
@@ -128,7 +130,7 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
-    together(_measure_faces, n_blocks(n_faces, BLOCK), *measured, own=new_cells)
+    together(_measure_faces, n_blocks(n_faces, THREAD), *measured, own=new_cells)
     keys.sort()
     kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
     n_short, n = np.searchsorted(keys, kinds)

@@ -6,12 +6,16 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, Float32
+from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, ZERO, Float32
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.threads import shared, take, together
+from zbuf_occlude.jit.simd import highest, item, load3_wide, lowest, put_item
+from zbuf_occlude.jit.threads import n_blocks, shared, take, together
+
+THREAD_CHUNKS = 32
+"""Chunks that are worth another thread: fewer are filled before it wakes."""
 
 
 class Packets(NamedTuple):
@@ -46,7 +50,7 @@ def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
         farthest=ONE,
         positions=points.positions,
     )
-    together(_fill_chunks, n_chunks, bvh, points.face_ids, packets)
+    together(_fill_chunks, n_blocks(n_chunks, THREAD_CHUNKS), bvh, points.face_ids, packets)
     return packets._replace(farthest=packets.chunk_reach.max())
 
 
@@ -72,18 +76,19 @@ def _fill_chunks(tasks, bvh, face_ids, packets):
 
 @inner
 def _fill_packet(bvh, face_ids, packets, packet):
-    first, farthest = packet * PACKET, 0.0
+    first, total, farthest = packet * PACKET, packets.coordinates.shape[1], ZERO
+    order, coordinates, positions = packets.order, packets.coordinates, packets.positions
+    for i in range(first, first + PACKET):  # short, so that many wait for memory at a time
+        k = np.int64(item(order, i))
+        put_item(packets.own, i, item(bvh.rows, np.int64(item(face_ids, k)) % len(bvh.rows)))
+    x0, y0, z0, scale = bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
     for i in range(first, first + PACKET):
-        k = packets.order[i]
-        packets.own[i] = bvh.rows[face_ids[k]]
-        x = (packets.positions[k, 0] - bvh.centre[0]) * bvh.scale
-        y = (packets.positions[k, 1] - bvh.centre[1]) * bvh.scale
-        z = (packets.positions[k, 2] - bvh.centre[2]) * bvh.scale
-        packets.coordinates[0, i], packets.coordinates[1, i], packets.coordinates[2, i] = x, y, z
-        farthest = max(farthest, x * x + y * y + z * z)
+        at = 3 * np.int64(item(order, i))
+        put_item(coordinates, i, np.float32((item(positions, at) - x0) * scale))
+        put_item(coordinates, i + total, np.float32((item(positions, at + 1) - y0) * scale))
+        put_item(coordinates, i + 2 * total, np.float32((item(positions, at + 2) - z0) * scale))
+    point = load3_wide(coordinates, first, total)
     for axis in range(3):
-        lower, upper = ENDLESS, -ENDLESS
-        for i in range(first, first + PACKET):
-            lower, upper = min(lower, packets.coordinates[axis, i]), max(upper, packets.coordinates[axis, i])
-        packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lower, upper
-    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * (1.0 + 1e-6)))
+        packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lowest(point[axis]), highest(point[axis])
+    farthest = highest(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
+    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * np.float32(1.0 + 1e-6)))

@@ -18,6 +18,9 @@ POSITION_BITS = 7
 BLOCK = 1024
 """Positions that a thread places at a time: their cells stay in its nearest cache."""
 
+THREAD = 8 * BLOCK
+"""Positions that are worth another thread: fewer are placed before it wakes."""
+
 
 def hilbert_order(positions: FloatArray) -> IntArray:
     """Return the indices that put positions (n, 3) into Hilbert order; what shares a cell keeps its order.
@@ -32,7 +35,7 @@ def hilbert_order(positions: FloatArray) -> IntArray:
     scale = (2.0**POSITION_BITS - 1.0) / side if side > 0.0 else 0.0
     # with the index in the low bits, sorting the keys is all
     keys = np.empty(len(positions), dtype=np.uint64)
-    together(_keys, n_blocks(len(positions), BLOCK), positions, low, scale, index_bits, keys, own=new_cells)
+    together(_keys, n_blocks(len(positions), THREAD), positions, low, scale, index_bits, keys, own=new_cells)
     keys.sort()
     return indices_of(keys, index_bits)
 
