@@ -6,7 +6,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, ZERO, Float32
+from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, Float32
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
@@ -76,19 +76,22 @@ def _fill_chunks(tasks, bvh, face_ids, packets):
 
 @inner
 def _fill_packet(bvh, face_ids, packets, packet):
-    first, total, farthest = packet * PACKET, packets.coordinates.shape[1], ZERO
+    first, total, farthest = packet * PACKET, packets.coordinates.shape[1], 0.0
     order, coordinates, positions = packets.order, packets.coordinates, packets.positions
-    for i in range(first, first + PACKET):  # short, so that many wait for memory at a time
-        k = np.int64(item(order, i))
-        put_item(packets.own, i, item(bvh.rows, np.int64(item(face_ids, k)) % len(bvh.rows)))
-    x0, y0, z0, scale = bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
+    for i in range(first, first + PACKET):  # short loops: many points wait for memory at a time
+        face = np.int64(item(face_ids, np.int64(item(order, i))))
+        put_item(packets.own, i, item(bvh.rows, face if face >= 0 else len(bvh.rows) - 1))
+    centre, scale = bvh.centre, bvh.scale
     for i in range(first, first + PACKET):
         at = 3 * np.int64(item(order, i))
-        put_item(coordinates, i, np.float32((item(positions, at) - x0) * scale))
-        put_item(coordinates, i + total, np.float32((item(positions, at + 1) - y0) * scale))
-        put_item(coordinates, i + 2 * total, np.float32((item(positions, at + 2) - z0) * scale))
+        x = (item(positions, at) - centre[0]) * scale
+        y = (item(positions, at + 1) - centre[1]) * scale
+        z = (item(positions, at + 2) - centre[2]) * scale
+        put_item(coordinates, i, np.float32(x))
+        put_item(coordinates, i + total, np.float32(y))
+        put_item(coordinates, i + 2 * total, np.float32(z))
+        farthest = max(farthest, x * x + y * y + z * z)
     point = load3_wide(coordinates, first, total)
     for axis in range(3):
         packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lowest(point[axis]), highest(point[axis])
-    farthest = highest(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
-    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * np.float32(1.0 + 1e-6)))
+    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * (1.0 + 1e-6)))
