@@ -69,7 +69,7 @@ def test_faces_at_one_place_are_in_one_leaf_each(n: int) -> None:
 
 
 def test_the_number_of_threads_changes_nothing() -> None:
-    mesh = shapes.benchmark_mesh(150_000)  # more than are sorted by one thread
+    mesh = shapes.benchmark_mesh(150_000)  # more than one thread is woken for
     by_many = build_bvh(mesh, 0.0)
     with alone():
         by_one = build_bvh(mesh, 0.0)

@@ -76,6 +76,7 @@ def _fill_chunks(tasks, bvh, face_ids, packets):
 
 @inner
 def _fill_packet(bvh, face_ids, packets, packet):
+    """Fill in what a packet has of its points."""
     first, total, farthest = packet * PACKET, packets.coordinates.shape[1], 0.0
     order, coordinates, positions = packets.order, packets.coordinates, packets.positions
     for i in range(first, first + PACKET):  # short loops: many points wait for memory at a time

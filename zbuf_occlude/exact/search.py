@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.exact.bvh import Bvh
 from zbuf_occlude.exact.hide import NEAR_EYE, classify, find_hidden, hide_by_faces, hide_by_points, mark_near_points
 from zbuf_occlude.exact.layout import (
@@ -19,6 +19,7 @@ from zbuf_occlude.exact.layout import (
     RIGHT,
     TOP,
     ZERO,
+    Int64,
     flat,
     make_workspace,
     put,
@@ -37,6 +38,8 @@ from zbuf_occlude.jit.threads import n_blocks, n_threads, shared, take, take_blo
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
+MOST_PAIRS = 1 << 20
+"""Pairs that are listed at a time."""
 TIGHT_LEAVES = 1024
 """Lists of at most this many leaves get the rectangles of the projected faces."""
 FEW_POINTS = 5
@@ -53,42 +56,46 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
     n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_parts
     sizes = len(bvh.used), len(bvh.n_children)
     together(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
-    for k in np.flatnonzero(views.n_frames > 1):
-        near = np.flatnonzero(answer[k] == NEAR_EYE).astype(np.int32)
-        if len(near):
-            _look_at(bvh, points, near, eyes[k : k + 1], answer[k : k + 1])
+    if (views.n_frames > 1).any():
+        _look_along(bvh, points, eyes, np.nonzero(answer == NEAR_EYE), answer)
     return answer.view(bool)
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return the same, line of sight after line of sight; neighbours follow each other, and meet the same boxes."""
-    answer = np.empty((len(eyes), len(points)), dtype=np.uint8)
-    _look_at(bvh, points, hilbert_order(points.positions), eyes, answer)
+    answer, order = np.empty((len(eyes), len(points)), dtype=np.uint8), hilbert_order(points.positions)
+    n_eyes = max(1, MOST_PAIRS // len(order))
+    for first in range(0, len(eyes), n_eyes):
+        some = np.arange(first, min(first + n_eyes, len(eyes)))
+        pairs = np.repeat(some, len(order)), np.tile(order.astype(np.int64), len(some))
+        _look_along(bvh, points, eyes, pairs, answer)
     return answer.view(bool)
 
 
-def _look_at(bvh: Bvh, points: SurfacePoints, chosen: IntArray, eyes: FloatArray, answer: NDArray[np.uint8]) -> None:
-    """Write to (k, n) whether each of k eyes sees the chosen of n points."""
-    asked = points.positions, points.face_ids, chosen, np.ascontiguousarray(eyes), answer
-    n_tasks = n_blocks(len(eyes) * len(chosen), BLOCK_LINES)
-    together(_look_along_lines, n_tasks, bvh, *asked, own=lambda: make_lines(bvh))
+def _look_along(
+    bvh: Bvh, points: SurfacePoints, eyes: FloatArray, pairs: tuple[Int64, ...], answer: NDArray[np.uint8]
+) -> None:
+    """Write the answers of pairs of eye and point, two arrays of their numbers, to (k, n)."""
+    if len(pairs[0]):
+        asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), pairs[0], pairs[1], answer
+        together(_look_along_lines, n_blocks(len(pairs[0]), BLOCK_LINES), bvh, *asked, own=lambda: make_lines(bvh))
 
 
 @shared
-def _look_along_lines(tasks, bvh, positions, face_ids, chosen, eyes, answer, memory):
-    """Take blocks of lines of sight, those of an eye after those of the eye before, and fill in the answers."""
-    bvh_at, lines, n = reference(bvh), reference(memory), len(chosen)
-    first, last = take_block(tasks, len(eyes) * n, BLOCK_LINES)
+def _look_along_lines(tasks, bvh, positions, face_ids, eyes, which, chosen, answer, memory):
+    """Take blocks of pairs of eye and point, and fill in the answers."""
+    bvh_at, lines = reference(bvh), reference(memory)
+    first, last = take_block(tasks, len(which), BLOCK_LINES)
     while first < last:
         for i in range(last - first):
-            k, p = (first + i) // n, chosen[(first + i) % n]
+            k, p = which[first + i], chosen[first + i]
             for axis in range(3):
                 lines.origins[3 * i + axis], lines.points[3 * i + axis] = eyes[k, axis], positions[p, axis]
             lines.own[i] = face_ids[p]
         find_hidden(bvh_at, lines, last - first)
         for i in range(last - first):
-            answer[(first + i) // n, chosen[(first + i) % n]] = lines.faces[i] < 0
-        first, last = take_block(tasks, len(eyes) * n, BLOCK_LINES)
+            answer[which[first + i], chosen[first + i]] = lines.faces[i] < 0
+        first, last = take_block(tasks, len(which), BLOCK_LINES)
 
 
 @shared

@@ -80,7 +80,7 @@ def place_along_curve(cells, n, n_bits):
     """Put into row 0 the places along the curve, 3 x `n_bits` bits, of the first n cells, (3, >= n) int32.
 
     Cells count from 0 to 2^`n_bits` - 1 along each axis; `n_bits` is at most `CODE_BITS`. Level by level, each for all
-    of them: loops without branches, which the compiler turns into vectors; cell by cell it took twelve times as long.
+    of them: loops without branches, which the compiler turns into vectors; cell by cell takes twelve times as long.
     """
     xs, ys, zs = cells[0, :n], cells[1, :n], cells[2, :n]
     # undo the curve's turns, from the coarsest cell to the finest: where an axis has the bit, mirror x below it,

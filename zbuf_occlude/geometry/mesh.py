@@ -121,7 +121,7 @@ class Mesh(Sealed):
         origin: Origin,
         colors: SurfaceColors | None = None,
     ) -> "Mesh":
-        """Take over arrays that were checked already, float64 and int32, and that no one else holds."""
+        """Take over C-contiguous arrays that were checked already, float64 and int32, and that no one else holds."""
         mesh = object.__new__(cls)
         arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
         vars(mesh).update({key: sealed(array) for key, array in arrays.items()})
@@ -312,7 +312,7 @@ def box_around(positions: FloatArray) -> Mesh:
 
 @njit(cache=True, nogil=True)
 def _fill_bounds(vertices, faces, is_used, bounds):
-    """Fill (2, 3) with the bounds of the vertices that faces have, after noting which these are; six times NumPy."""
+    """Fill (2, 3) with the bounds of the vertices that faces have; six times as fast as NumPy."""
     for face in range(len(faces)):
         is_used[faces[face, 0]] = is_used[faces[face, 1]] = is_used[faces[face, 2]] = True
     low, high = (math.inf, math.inf, math.inf), (-math.inf, -math.inf, -math.inf)

@@ -100,7 +100,7 @@ class SurfacePoints(Sealed):
     def of_checked(
         cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray, colors: Bytes | None = None
     ) -> "SurfacePoints":
-        """Take over arrays that were checked already, and that no one else holds."""
+        """Take over C-contiguous arrays that were checked already, and that no one else holds."""
         points = object.__new__(cls)
         vars(points).update(positions=sealed(positions), face_ids=sealed(face_ids), normals=sealed(normals))
         vars(points).update(colors=None if colors is None else sealed(colors))

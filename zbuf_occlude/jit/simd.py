@@ -224,9 +224,15 @@ load, load_wide = _load(VECTOR, VECTOR.floats), _load(WIDE, WIDE.floats)
 """The 16, or 32, float32 of an array that begin at a flat index."""
 
 
+def _must_be_flat(array: Any) -> None:
+    if array.layout != "C":
+        raise TypingError(f"numbers must be taken from a C-contiguous array; got {array}.")
+
+
 @intrinsic
 def item(typing_context, array, index):
-    """The number of an array at a flat index that is not negative, which numba's own indexing has to ask."""
+    """The number of a C-contiguous array at a flat index that is not negative, which numba's own indexing asks."""
+    _must_be_flat(array)
 
     def codegen(context, builder, signature, args):
         return builder.load(builder.gep(context.make_array(array)(context, builder, args[0]).data, [args[1]]))
@@ -237,6 +243,7 @@ def item(typing_context, array, index):
 @intrinsic
 def put_item(typing_context, array, index, value):
     """Write a number to an array likewise."""
+    _must_be_flat(array)
 
     def codegen(context, builder, signature, args):
         data = context.make_array(array)(context, builder, args[0]).data
