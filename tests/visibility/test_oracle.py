@@ -162,3 +162,21 @@ def test_runs_whose_boxes_are_passed_over_hide_nothing() -> None:
         for eye in eyes
     ]
     assert seen.tolist() == expected
+
+
+def test_a_face_that_blocks_by_rounding_only_hides_nothing() -> None:
+    """Its plane holds the line of sight to the last digit, which ends before it comes near the face."""
+    face = np.array(
+        [
+            [-0.5791568004828695, 0.6892086707927667, 0.37467803308741093],
+            [-0.6526597680189957, 0.736092880304156, 0.36339109542836207],
+            [-0.6161812299881277, 0.8036071157835547, 0.4062787926223912],
+        ]
+    )
+    point = np.array([-0.8002140298457999, 1.0117757248397987, 0.4153053816137331])
+    eye = np.array([-1.2400666515352292, -0.06714663241188012, -0.21060564279371152])
+    assert max(eye[0], point[0]) < face[:, 0].min() - 0.1
+    assert blocks(tuple(eye), tuple(point), *map(tuple, face), 0.0)
+    for method in ("oracle", "exact"):
+        with zo.prepare(zo.Mesh(face, [[0, 1, 2]]), method) as occluder:
+            assert occluder.visible(zo.SurfacePoints.free(point[None]), eye[None]).all(), method

@@ -20,7 +20,7 @@ RUN = 64
 """Faces that a line is held against at a time."""
 
 ROUNDING = 1e-6
-"""A run's box is wider than its faces by this share of reach^2 / side, `reach` being how far the point is from mesh or
+"""A box is wider than its faces by this share of reach^2 / side, `reach` being how far the point is from mesh or
 eye: `blocks`, whose products cancel with the square of that distance, takes a point 10^8 sides away through faces that
 the line passes a side away. That is float64's rounding, 10^10 times, which costs nothing."""
 _TINY = 1e-200
@@ -223,7 +223,9 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
                 for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
                     t = corners[face]
                     a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
-                    if face != own[i] and blocks(eye, point, a, b, c, contact):
+                    if face == own[i] or not blocks(eye, point, a, b, c, contact):
+                        continue
+                    if _enters(_box_of(a, b, c), slack, point, inverse):  # else it blocks by rounding only
                         answer[j, i] = False
                         break
                 if not answer[j, i]:
@@ -240,6 +242,12 @@ def _inverse(number):
 @inner
 def _largest(a):
     return max(abs(a[0]), max(abs(a[1]), abs(a[2])))
+
+
+@inner
+def _box_of(a, b, c):
+    x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+    return min(x), min(y), min(z), max(x), max(y), max(z)
 
 
 @inner
