@@ -177,6 +177,8 @@ def test_a_face_that_blocks_by_rounding_only_hides_nothing() -> None:
     eye = np.array([-1.2400666515352292, -0.06714663241188012, -0.21060564279371152])
     assert max(eye[0], point[0]) < face[:, 0].min() - 0.1
     assert blocks(tuple(eye), tuple(point), *map(tuple, face), 0.0)
+    aside = [[-1.3, 1.2, 0.8], [-1.3, 1.3, 0.8], [-1.3, 1.2, 0.9]]  # the line is in the box of both faces
+    mesh = zo.Mesh(np.concatenate([face, aside]), [[0, 1, 2], [3, 4, 5]])
     for method in ("oracle", "exact"):
-        with zo.prepare(zo.Mesh(face, [[0, 1, 2]]), method) as occluder:
+        with zo.prepare(mesh, method) as occluder:
             assert occluder.visible(zo.SurfacePoints.free(point[None]), eye[None]).all(), method
