@@ -45,7 +45,7 @@ NEAR_EYE = np.uint8(2)
 """In an answer: to be looked at alone."""
 BESIDE = 1e-6
 """A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
-point is from mesh or eye: as the oracle (`visibility.oracle.ROUNDING`), which leaves out runs of faces so."""
+point is from mesh or eye: as of the oracle (`visibility.oracle.ROUNDING`)."""
 
 
 @inlined

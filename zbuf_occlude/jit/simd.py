@@ -231,7 +231,7 @@ def _must_be_flat(array: Any) -> None:
 
 @intrinsic
 def item(typing_context, array, index):
-    """The number of a C-contiguous array at a flat index that is not negative, which numba's own indexing asks."""
+    """The number of a C-contiguous array at a flat index, which must not be negative: it is not looked at."""
     _must_be_flat(array)
 
     def codegen(context, builder, signature, args):

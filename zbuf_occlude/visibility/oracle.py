@@ -246,6 +246,7 @@ def _largest(a):
 
 @inner
 def _box_of(a, b, c):
+    """The box of a face, as `_enters` takes it."""
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     return min(x), min(y), min(z), max(x), max(y), max(z)
 
