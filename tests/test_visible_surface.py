@@ -129,6 +129,15 @@ def test_two_eyes_see_what_either_does() -> None:
     assert found.alone.sum() == pytest.approx(1.0)
 
 
+def test_a_share_of_few_points_is_not_known_without_error() -> None:
+    """All or nothing seen of n points: the share's standard deviation after that is that of Beta(n + 1, 1)."""
+    plate = zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    for n in (3, 300):
+        found = coverage(plate, [0.2, 0.2, 5.0], n_points=n)
+        assert found.together[0] == 1.0
+        assert found.standard_error[0] == pytest.approx(np.sqrt((n + 1) / ((n + 2) ** 2 * (n + 3))))
+
+
 def on_part(part: Any, points: zo.SurfacePoints) -> BoolArray:
     """Whether points (n,) lie on a piece of their face."""
     corners, found = part.mesh.corners, np.zeros(len(points), dtype=bool)

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.geometry.camera import as_rigid
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -275,7 +276,8 @@ def scan(
         pose = _pose_at(scene.mesh, range, azimuth or 0.0, elevation or 0.0)
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
-    rotation, origin = _rigid(pose)
+    matrix = np.eye(4) if pose is None else as_rigid(pose, "pose")
+    rotation, origin = matrix[:3, :3], matrix[:3, 3]
     rays = at_rest = sensor.rays()
     if motion is not None and not isinstance(motion, Motion):
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
@@ -375,18 +377,6 @@ def pose_of_camera(view_matrix: FloatArray) -> FloatArray:
     pose[:3, :3] = np.stack([-rotation[2], -rotation[0], rotation[1]], axis=1)
     pose[:3, 3] = -rotation.T @ view_matrix[:3, 3]
     return pose
-
-
-def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
-    matrix = np.eye(4) if pose is None else as_numbers(pose, "pose", (4, 4), " It is sensor to world.")
-    if not np.isfinite(matrix).all():
-        raise ArgumentError("pose must be finite; it is not.")
-    rotation = matrix[:3, :3]
-    if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0):
-        raise ArgumentError(
-            "pose must be a rigid motion, without scale or reflection. Scale the scene, not the sensor."
-        )
-    return rotation, matrix[:3, 3]
 
 
 def _may_meet(

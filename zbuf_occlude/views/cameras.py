@@ -16,7 +16,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
-from zbuf_occlude.geometry.camera import rotations_of
+from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
@@ -214,11 +214,7 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
 
 
 def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
-    quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
-    if not quaternion.any():
-        raise ValueError("a quaternion must not be zero, and one is")
-    quaternion /= np.abs(quaternion).max()  # its square may overflow
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    w, x, y, z = unit_quaternions(_QUATERNION.read("the quaternion", row[1:5]))
     rotation, intrinsics = rotations_of([x, y, z, w]), None
     if models:
         _, model, width, height, *words = models[f"camera {row[8]}"]
