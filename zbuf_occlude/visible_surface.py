@@ -133,7 +133,7 @@ def visible_faces(
 
 
 def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
-    """Answer which vertices each eye sees: (k, v) bool.
+    """Answer which vertices each eye sees: (k, v) bool, (1, v) of one eye (3,).
 
     A vertex is hidden by faces that the line of sight crosses, never by those that meet it there. So a corner on the
     silhouette is seen. Vertices that no face uses are asked too.
@@ -149,7 +149,7 @@ def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", 
     >>> zo.visible_vertices(mesh, [[3.0, 2.0, 1.5]]).shape == (1, len(mesh.vertices))
     True
     """
-    mesh = as_mesh(mesh)
+    mesh, eyes = as_mesh(mesh), as_eyes(eyes)
     with prepare(mesh, method, **options) as occluder:
         return occluder.visible(SurfacePoints.free(mesh.vertices), eyes)
 

@@ -26,11 +26,20 @@ def test_counts_add_up_and_keep_the_worst() -> None:
 @pytest.mark.parametrize(("share", "warned"), [(0.05, False), (0.06, True)])
 def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: bool) -> None:
     counts = Counts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
-    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error)
+    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error, False)
     warning = (
         "warning: 6% of the points checked in view 7 of chair are wrong, and more than 1 % in 3.0% of the views checked"
     )
     assert (warning in text, "--method exact" in text) == (warned, warned)
+
+
+def test_what_was_not_checked_has_no_error() -> None:
+    """Clouds of which none was checked are not called complete, nor right."""
+    assert "nothing was removed" in measured(Counts().error, True)
+    said = measured(Counts(n_clouds=3).error, False)
+    assert said.startswith("warning: ")
+    assert "not known" in said
+    assert "%" not in said
 
 
 def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:

@@ -235,7 +235,7 @@ def scan(
     Raises
     ------
     ArgumentError
-        A pose that is no rigid motion, a pose and a range, or no scene or sensor.
+        A pose that is no rigid motion, a pose and a range, no scene or sensor, or an occluder of another mesh.
     OptionError, UnavailableError
         As `zbuf_occlude.prepare`; a method that casts no rays; a motion of a sensor that casts all rays at once.
 
@@ -302,6 +302,7 @@ def scan(
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
             raise ArgumentError("occluder of a scene that moves or has windows must be of prepare_scene. Leave it out.")
+        opened.check_is_of(scene.mesh)
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
