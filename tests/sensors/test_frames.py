@@ -185,7 +185,8 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     """Of a mesh away from the origin: a dataset's world is the middle of its box."""
     image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
     mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
-    sensor = zo.sensors.make("pinhole", width=64, height=48, fov=30)
+    width, height = (20, 30) if from_file else (64, 48)  # those of a file are in the file
+    sensor = zo.sensors.make("pinhole", width=width, height=height, fov=30)
     recipe = Recipe(
         method="exact",
         views=str(cameras) if from_file else "ring:3@25",
@@ -280,3 +281,23 @@ def test_what_is_met_is_never_a_depth_of_nothing(tmp_path: Path) -> None:
     zo.write_frames(tmp_path, [frame])
     assert set(np.unique(frame.instances)) >= {0, 1}
     assert ((np.array(image.open(tmp_path / "000_depth.png")) > 0) == frame.mask).all()
+
+
+def test_cameras_of_a_file_have_its_pixels(tmp_path: Path) -> None:
+    """Two cameras of unlike sizes; all can be given another."""
+    other = {**CAMERAS[0], "width": 30, "height": 20, "K": [[40.0, 0.0, 14.0], [0.0, 40.0, 11.0], [0.0, 0.0, 1.0]]}
+    (tmp_path / "two.json").write_text(json.dumps([CAMERAS[0], other]))
+    views = zo.views.from_json(tmp_path / "two.json")
+    one, two = zo.frames(soup(300, 0.4), views)
+    assert (one.depth.shape, two.depth.shape) == ((48, 64), (20, 30))
+    assert two.intrinsics == pytest.approx(np.array(other["K"]))
+    assert [frame.depth.shape for frame in zo.frames(box(), views, width=64, height=48)] == [(48, 64)] * 2
+    with pytest.raises(zo.ArgumentError, match="both, or neither"):
+        zo.frames(box(), views, width=64)
+    kept = zo.Views.from_table(views.around(np.ones(3), 2.0).select([1]).table.tolist())
+    assert kept.sizes is not None
+    assert kept.sizes.tolist() == [[30, 20]]
+    assert kept.looking(None, 0.5).sizes is None, "another field of view has other pixels"
+    del other["width"]
+    (tmp_path / "two.json").write_text(json.dumps([CAMERAS[0], other]))
+    assert zo.views.from_json(tmp_path / "two.json").sizes is None, "one does not say"

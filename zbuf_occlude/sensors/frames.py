@@ -22,10 +22,11 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
+from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
-MOST_PIXELS = 1 << 26
+WIDTH, HEIGHT = 640, 480
 MARGIN = 1.05
 """Without a field of view, a picture is this many times as wide as the ball around the mesh's box."""
 NEAR = 0.9
@@ -147,8 +148,8 @@ def frames(
     mesh: Scene | MeshLike,
     views: Views,
     *,
-    width: int = 640,
-    height: int = 480,
+    width: int | None = None,
+    height: int | None = None,
     fov: float | None = None,
     method: str = "exact",
     occluder: Occluder | None = None,
@@ -162,10 +163,9 @@ def frames(
     mesh : Scene or Mesh
         Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     views : Views
-        World units. Cameras of a file (`Views.windows`) have pictures of their own, of which `width` and `height` are
-        the pixels; others have square pixels.
-    width, height : int
-        Pixels.
+        World units. Cameras of a file (`Views.windows`) have pictures of their own; others have square pixels.
+    width, height : int, optional
+        Pixels. By default those of the cameras' file (`Views.sizes`), or else 640 x 480.
     fov : float, optional
         Horizontal field of view, degrees. By default one for all views, in which all of them see the whole mesh; at
         most 169 for the shorter side.
@@ -203,24 +203,21 @@ def frames(
     >>> found[0].depth.dtype, len(found)
     (dtype('float32'), 8)
     """
-    for name, value in (("width", width), ("height", height)):
-        check_int(name, value, 1)
-    if width * height > MOST_PIXELS:
-        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
     if not isinstance(views, Views):
         raise ArgumentError(
             f"views must be Views; got {type(views).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
         )
+    sizes = _sizes(views, width, height)
     scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
     find_method(method).check_first_hits()
     if occluder is not None:
         occluder.check_is_of(scene.mesh)
-    intrinsics = _intrinsics(scene, views, width, height, fov)
+    intrinsics = _intrinsics(scene, views, sizes, fov)
 
     def drawn() -> Iterator[Frame]:  # what is wrong above is said at once, not when the first frame is asked for
         with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
-            for matrix, pose in zip(intrinsics, views.poses, strict=True):
-                yield frame_at(scene, opened, matrix, pose, (height, width))
+            for matrix, pose, (across, along) in zip(intrinsics, views.poses, sizes.tolist(), strict=True):
+                yield frame_at(scene, opened, matrix, pose, (along, across))
 
     return drawn()
 
@@ -320,11 +317,29 @@ def box_corners(bounds: FloatArray) -> FloatArray:
     return np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
 
 
-def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float | None) -> FloatArray:
+def _sizes(views: Views, width: int | None, height: int | None) -> IntArray:
+    """Return width and height of each view's picture, (k, 2): as given, of the file, or the usual."""
+    for name, value in (("width", width), ("height", height)):
+        if value is not None:
+            check_int(name, value, 1)
+    if views.sizes is not None and (width is None) != (height is None):
+        raise ArgumentError("width and height must be given both, or neither, of cameras that have some.")
+    if views.sizes is not None and width is None:
+        return views.sizes
+    width, height = width or WIDTH, height or HEIGHT
+    if width * height > MOST_PIXELS:
+        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
+    return np.tile(np.array([width, height], np.int32), (len(views), 1))
+
+
+def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) -> FloatArray:
     if views.windows is not None:
         if fov is not None:
             raise ArgumentError("fov must be left out of cameras that have a field of view. Leave it out.")
-        return views.intrinsics(width, height)
+        return views.intrinsics(*sizes.T)
+    if not len(views):
+        return np.empty((0, 3, 3))
+    width, height = sizes[0].tolist()
     if fov is None:
         tangent = _tangent_around(scene.mesh, views) * width / min(width, height)
     elif isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0:
