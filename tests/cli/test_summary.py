@@ -1,6 +1,7 @@
 """What `generate` says at the end: how wrong the data are, where they are worst, and what would help."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import SQUARE, stacked
+from zbuf_occlude.cli.generate import files_beside
 from zbuf_occlude.cli.messages import measured
+from zbuf_occlude.cli.shell import progress_bar
 from zbuf_occlude.dataset.counts import Counts, WorstView
 
 
@@ -40,6 +43,20 @@ def test_what_was_not_checked_has_no_error() -> None:
     assert said.startswith("warning: ")
     assert "not known" in said
     assert "%" not in said
+
+
+def test_a_bar_in_a_file_is_seldom_drawn_again(capsys: pytest.CaptureFixture[str]) -> None:
+    """It has the first progress, and the last, also of what stands beside it."""
+    with progress_bar(100_000, "clouds", "generate") as bar:
+        show = files_beside(bar)
+        time.sleep(0.01)
+        for _ in range(500):
+            bar.update(1)
+            show(1)
+    drawn = capsys.readouterr().err.split("\r")
+    assert 2 <= len(drawn) <= 6
+    assert "500/100000" in drawn[-1]
+    assert "500 files written" in drawn[-1]
 
 
 def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:

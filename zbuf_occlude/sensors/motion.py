@@ -12,6 +12,8 @@ from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors.sensor import Rays
 
+LONGER = 1.5
+"""A trajectory that lasts so many times longer or shorter than a sweep was meant for something else."""
 STRAIGHT = 1e-9
 """Radians a second below which an arc is computed as a line."""
 
@@ -66,6 +68,17 @@ class Motion:
             raise ArgumentError(f"trajectory {fault}.")
         unit = np.concatenate([rows[:, :4], unit_quaternions(rows[:, 4:])], axis=1)
         object.__setattr__(self, "trajectory", sealed(unit))
+
+    def unlike(self, rays: Rays) -> str:
+        """Say how much longer or shorter a trajectory is than the sweep of these rays; empty where it is as long."""
+        if self.trajectory is None or rays.times is None:
+            return ""
+        times, sweep = np.asarray(self.trajectory)[:, 0], float(rays.times.max(initial=0.0))
+        lasts = float(times[-1] - times[0])
+        said = f"the trajectory lasts {lasts:.3g} s, a sweep {sweep:.2g} s"
+        if lasts > LONGER * sweep:
+            return f"{said}: one sweep is made, from its beginning, and the rest is not used"
+        return f"{said}: the sensor stands still at its end" if LONGER * lasts < sweep else ""
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (n, 3, 3) and positions (n, 3) at some times (n,), in the sensor's frame at time 0."""

@@ -243,7 +243,7 @@ def scan(
     -----
     UserWarning
         With `range`: the sensor stands inside the mesh's bounding box. Without `occluder`: objects move, but all rays
-        are cast at once.
+        are cast at once; a trajectory lasts longer or shorter than the sweep that is made.
 
     Examples
     --------
@@ -290,6 +290,8 @@ def scan(
         if untimed and occluder is None:
             warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
     if motion is not None:
+        if occluder is None and (said := motion.unlike(at_rest)):
+            warnings.warn(f"{said}.", stacklevel=2)
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
         corners = as_vectors(towards, "towards")
@@ -665,7 +667,7 @@ def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
 
 def limited(scan: Scan, faults: Imperfections) -> Scan:
     """Leave out what is nearer than `range_min`, farther than `range_max`, or steeper than `incidence_max`."""
-    measured = _measured(scan, faults)
+    measured = measured_ranges(scan, faults)
     kept = (measured >= faults.range_min) & (measured <= faults.range_max)
     if faults.incidence_max < 90.0 and faults.noise:
         kept &= scan.incidences <= np.radians(faults.incidence_max)
@@ -711,7 +713,7 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
 
 def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
     """Add normal noise to the ranges; of an axial sensor to the depths."""
-    sigma = faults.range_sigma(_measured(scan, faults), scan.incidences)
+    sigma = faults.range_sigma(measured_ranges(scan, faults), scan.incidences)
     if not sigma.any():
         return scan
     if faults.axial:
@@ -762,6 +764,6 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     return scan.select(~edge | (rng.random(len(scan)) >= faults.edge_loss))
 
 
-def _measured(scan: Scan, faults: Imperfections) -> FloatArray:
+def measured_ranges(scan: Scan, faults: Imperfections) -> FloatArray:
     """What the sensor measures, without noise: ranges, or of an axial sensor depths."""
     return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges
