@@ -192,6 +192,8 @@ def test_what_is_nowhere_near_is_refused(thing: zo.Mesh) -> None:
         zo.compare_scans(thing.transformed(1000.0), [real], CAMERA, poses=[STANDS])
     with pytest.raises(zo.ArgumentError, match=r"1,000 times smaller.*Scale it by 1000"):
         zo.compare_scans(thing.transformed(0.001), [real], CAMERA, poses=[STANDS])
+    with pytest.raises(zo.ArgumentError, match=r"points are .* apart.*100 times smaller"):
+        zo.compare_scans(thing, [real[::40] * 100.0], CAMERA, poses=[STANDS])
     with pytest.raises(zo.ArgumentError, match=r"near the mesh.*pose"):
         zo.compare_scans(thing, [real], CAMERA)
 

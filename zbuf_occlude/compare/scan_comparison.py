@@ -264,6 +264,9 @@ class _Question:
             )
         tolerance = self.tolerance or 2.0 * spacing
         slack = self.slack or 4.0 * spacing
+        if self.slack is None and slack > self.mesh.longest_side:
+            fault = f"the points are {spacing:.3g} apart, so that any mesh of this size were near"
+            raise ArgumentError(_apart(name, fault, cloud, self.mesh))
         if self.refine:
             pose = self._refined(cloud, pose, slack)
         points = cloud @ pose[:3, :3].T + pose[:3, 3]
@@ -278,7 +281,7 @@ class _Question:
         seen, vertex_incidences = self._predicted(stands, sensor)
         scanned = _distances(self.vertices, points, 1)[:, 0] <= tolerance
         if not (near.any() or scanned.any()):
-            raise ArgumentError(_apart(name, points, self.mesh, slack))
+            raise ArgumentError(_apart(name, f"no point is within {slack:.3g}", points, self.mesh))
         cases = np.select([seen & scanned, seen, scanned], [BOTH, NOT_SCANNED, NOT_SEEN], NEITHER).astype(np.uint8)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # within the bounding box of a street, say
@@ -428,8 +431,8 @@ def _by_range(real: FloatArray, made: FloatArray) -> list[dict[str, Any]]:
     return [{"from": float(low), "to": float(high), **_numbers(real, made, low, high)} for low, high in pairwise(edges)]
 
 
-def _apart(name: str, points: FloatArray, mesh: Mesh, slack: float) -> str:
-    """Say that a scan is nowhere near a mesh, how large both are, and what may be why."""
+def _apart(name: str, fault: str, points: FloatArray, mesh: Mesh) -> str:
+    """Say that a scan is not of a mesh, how large both are, and what may be why."""
     size, scanned = mesh.longest_side, float(np.ptp(points, axis=0).max())
     factor = 10.0 ** np.round(np.log10(size / scanned)) if size > 0.0 < scanned else 1.0
     why = "Give its pose, and where the sensor is; or a larger slack."
@@ -437,8 +440,8 @@ def _apart(name: str, points: FloatArray, mesh: Mesh, slack: float) -> str:
         times = f"{factor:,.0f} times as large" if factor > 1.0 else f"{1.0 / factor:,.0f} times smaller"
         why = f"The mesh is about {times}: are the units mixed? Scale it by {1.0 / factor:g}, or give poses."
     return (
-        f"a scan must be near the mesh; of {printable(name)} no point is within {slack:.3g}. The longest side of the "
-        f"scan is {scanned:.4g}, of the mesh {size:.4g}. {why}"
+        f"a scan must be near the mesh; of {printable(name)} {fault}. The longest side of the scan is {scanned:.4g}, "
+        f"of the mesh {size:.4g}. {why}"
     )
 
 
