@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
 from zbuf_occlude.compare.bop_folder import camera_of, model_number
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
+from zbuf_occlude.documents import flag
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.extras import importing
@@ -227,7 +228,7 @@ def compare_scans(
         raise ArgumentError(f"poses must be one per scan ({len(clouds)}); got {len(matrices)}.")
     mounted = np.eye(4) if sensor_pose is None else rigid(sensor_pose, "sensor_pose")
     with prepare(mesh, method or default_caster()) as occluder:
-        question = _Question(mesh, occluder, mounted, tolerance, slack, refine, seed)
+        question = _Question(mesh, occluder, mounted, tolerance, slack, flag("refine", refine), seed)
         return [question.ask(*each) for each in zip(names, clouds, matrices, sensors, strict=True)]
 
 

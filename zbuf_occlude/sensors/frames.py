@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.documents import flag
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
@@ -189,7 +190,7 @@ def frames(
     ArgumentError
         A size or field of view out of range; views that are none; an occluder of another mesh.
     OptionError, UnavailableError, GlError
-        As `prepare`; a method that casts no rays.
+        As `prepare`; a method that casts no rays; `colors` is no bool.
 
     Warns
     -----
@@ -208,7 +209,7 @@ def frames(
             f"views must be Views; got {type(views).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
         )
     sizes = _sizes(views, width, height)
-    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
+    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=flag("colors", colors)))
     find_method(method).check_first_hits()
     if occluder is not None:
         occluder.check_is_of(scene.mesh)

@@ -17,11 +17,10 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
-from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, Views
+from zbuf_occlude.views.model import MOST_PIXELS, NOT_A_ROTATION, PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's eye space to OpenGL's."""
-_NOT_A_ROTATION = 1e-3
 
 _SIZE, _PLACE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
 _VIEWS = {
@@ -172,7 +171,7 @@ def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> 
 def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, has_size: bool = True) -> _Camera:
     """Check R, t and fx, fy, cx, cy, width, height; `has_size`: whether width and height are the file's."""
     turn, moved = np.array(_ROTATION.read("R", rotation)), np.array(_TRANSLATION.read("t", translation))
-    if not np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_A_ROTATION or np.linalg.det(turn) < 0:
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(turn) < 0:
         raise ValueError("R must be a rotation, and is none")
     window = size = None
     if intrinsics is not None:

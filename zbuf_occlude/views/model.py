@@ -12,6 +12,8 @@ from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
 MOST_PIXELS = 1 << 26
 """Of a picture."""
+NOT_A_ROTATION = 1e-3
+"""A matrix whose products of rows are off by more is none; files have few digits."""
 PAPER_DISTANCE = 4.0
 """Distance of the camera in units of the object's longest side (paper 4.1)."""
 
@@ -92,6 +94,12 @@ class Views(Sealed):
         for name, values in fields.items():
             if not np.isfinite(values).all():
                 raise ArgumentError(f"{name} must be finite; got {values[~np.isfinite(values)][0]}.")
+        if (turns := fields.get("rotations")) is not None and len(turns):
+            off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+            if (wrong := (off > NOT_A_ROTATION) | (np.linalg.det(turns) < 0.0)).any():
+                raise ArgumentError(
+                    f"rotations must be rotations, without scale or reflection; {wrong.argmax()} is not."
+                )
         if (np.abs(elevation) > np.pi / 2 + 1e-9).any():
             worst = np.degrees(elevation[np.abs(elevation).argmax()])
             raise ArgumentError(f"elevation must lie in [-pi/2, pi/2]; got {worst:g} degrees. Give radians.")
