@@ -234,6 +234,12 @@ def test_a_table_holds_all_that_is_known(columns: int) -> None:
         Views.from_table(np.zeros((2, 5)))
 
 
+@pytest.mark.parametrize("turn", [np.diag([1.0, 1.0, -1.0]), np.eye(3) * 2.0, np.zeros((3, 3))])
+def test_what_is_no_rotation_is_refused(turn: np.ndarray) -> None:
+    with pytest.raises(ArgumentError, match="rotations must be rotations"):
+        Views.of_cameras(np.array([[3.0, 0.0, 0.0]]), turn[None])
+
+
 def test_a_tables_own_distances_stay_where_others_are_drawn(tmp_path: Path) -> None:
     path = tmp_path / "views.csv"
     path.write_text("azimuth,elevation,distance\n0,0,2\n10,20,\n20,30,7\n")

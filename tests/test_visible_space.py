@@ -86,11 +86,26 @@ def test_who_hides_whom_in_a_row_of_balls() -> None:
     ]
 
 
+def test_of_what_is_never_seen_no_share_is_known() -> None:
+    """The one point of a ball is behind it for more than half of the seeds."""
+    scene = zo.Scene.joined([Placed(sphere(), "ball"), Placed(sphere(), "other", moved(to=(0.0, 9.0, 0.0)))])
+    graphs = [zo.occlusion_graph(scene, [5.0, 0.0, 0.0], n_points=1, seed=seed) for seed in range(40)]
+    shares, errors = (np.array([getattr(each, name)[0, 1] for each in graphs]) for name in ("shares", "standard_error"))
+    assert 20 < np.isnan(shares).sum() < 38
+    assert (np.isnan(shares) == np.isnan(errors)).all()
+    assert not shares[~np.isnan(shares)].any()
+    assert all(each.shares[0, 0] == 0.0 for each in graphs)
+    assert not any(each.document["hides"] for each in graphs)
+
+
 def test_half_a_plate_hidden_is_a_half() -> None:
     plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
     scene = zo.Scene.joined([Placed(plate, "back"), Placed(plate, "front", moved(scale=0.5, to=(5.0, 0.5, 0.0)))])
     graph = zo.occlusion_graph(scene, [1e6, 0.0, 0.0], n_points=20_000)
     assert graph.shares[0, 1] == pytest.approx(0.25, abs=5 * graph.standard_error[0, 1])
     assert 0 < graph.standard_error[0, 1] < 0.005
+    few = zo.occlusion_graph(scene, [1e6, 0.0, 0.0], n_points=5)
+    assert few.shares[1, 0] == 0.0
+    assert few.standard_error[1, 0] == pytest.approx(np.sqrt(6 / (7**2 * 8))), "of Beta(1, 6)"
     with pytest.raises(zo.ArgumentError, match="must be a Scene"):
         zo.occlusion_graph(plate, [1.0, 0.0, 0.0])  # type: ignore[arg-type]

@@ -40,6 +40,7 @@ def test_of_a_box_three_faces_and_seven_vertices_are_seen() -> None:
     mesh, eye = box(), np.array([[9.0, 7.0, 5.0]])
     towards = mesh.corners.mean(axis=1).max(axis=1) > 0.49  # of the sides at +0.5
     assert (visible_faces(mesh, eye, n_points=100).fraction[0] == towards).all()
+    assert visible_vertices(mesh, eye).shape == (1, 8)
     assert visible_vertices(mesh, eye).sum() == 7
     part = visible_mesh(mesh, eye)
     assert set(part.face_ids) == set(np.flatnonzero(towards))
@@ -127,6 +128,15 @@ def test_two_eyes_see_what_either_does() -> None:
     found = coverage(mesh, eyes)
     assert found.together[-1] == 1.0
     assert found.alone.sum() == pytest.approx(1.0)
+
+
+def test_a_share_of_few_points_is_not_known_without_error() -> None:
+    """All or nothing seen of n points: the share's standard deviation after that is that of Beta(n + 1, 1)."""
+    plate = zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    for n in (3, 300):
+        found = coverage(plate, [0.2, 0.2, 5.0], n_points=n)
+        assert found.together[0] == 1.0
+        assert found.standard_error[0] == pytest.approx(np.sqrt((n + 1) / ((n + 2) ** 2 * (n + 3))))
 
 
 def on_part(part: Any, points: zo.SurfacePoints) -> BoolArray:

@@ -18,9 +18,9 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.frames import MOST_PIXELS
 from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
+from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import check_keywords, find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
-from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
+from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, error_of_share, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
@@ -84,8 +84,9 @@ class OcclusionGraph:
         Of the objects.
     shares : (o, o) float
         ``shares[a, b]``: of the surface of a that the eye would see if a were alone, the share that b hides, being the
-        first in the line of sight. 0 on the diagonal.
+        first in the line of sight. 0 on the diagonal; NaN of an object of which, alone, no sampled point is seen.
     standard_error : (o, o) float
+        Of the shares; above 0 where none or all of the points are hidden too.
     """
 
     labels: tuple[str, ...]
@@ -213,7 +214,7 @@ def occlusion_graph(
         raise ArgumentError(f"scene must be a Scene; got {type(scene).__name__}. Make one: Scene.joined(placed).")
     check_int("n_points", n_points, 1)
     at, rng, n_objects = as_numbers(eye, "eye", (3,)), generator(seed), len(scene.labels)
-    shares, error = np.zeros((2, n_objects, n_objects))
+    shares, error = np.full((2, n_objects, n_objects), np.nan)
     with prepare(scene.mesh, method, **options) as whole:
         for number in np.unique(scene.instances).tolist():
             alone = Mesh(scene.mesh.vertices, scene.mesh.faces[scene.instances == number], scene.labels[number])
@@ -223,7 +224,8 @@ def occlusion_graph(
             hits = whole.first_hits(at[None], seen - at)
             before = hits.distances < np.linalg.norm(seen - at, axis=1) - CONTACT * scene.mesh.diagonal
             others = np.bincount(scene.instances[hits.face_ids[before]], minlength=n_objects)
-            others[number] = 0
-            shares[number] = others / max(len(seen), 1)
-            error[number] = np.sqrt(shares[number] * (1.0 - shares[number]) / max(len(seen), 1))
+            if len(seen):
+                shares[number], error[number] = others / len(seen), error_of_share(others, len(seen))
+    np.fill_diagonal(shares, 0.0)
+    np.fill_diagonal(error, 0.0)
     return OcclusionGraph(scene.labels, shares, error)

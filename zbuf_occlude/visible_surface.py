@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
-from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
+from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, error_of_share, points_in_triangles, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT, as_eyes
@@ -53,7 +53,7 @@ class Coverage(NamedTuple):
 
     alone : (k,) float64, share of the area that each view sees
     together : (k,) float64, share that the views up to this one see, union
-    standard_error : (k,) float64, of `together`
+    standard_error : (k,) float64, of `together`: above 0 where no sampled point, or every one, is seen too
     """
 
     alone: FloatArray
@@ -119,8 +119,7 @@ def visible_faces(
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
     n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
-    expected = (n_seen + 1) / (counts + 2)
-    fraction, error = n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3))
+    fraction, error = n_seen / counts, error_of_share(n_seen, counts)
     proved = np.zeros(fraction.shape, dtype=bool)
     if exactly:
         from zbuf_occlude.shadow_cuts import seen_shares  # late: it takes numba along
@@ -134,7 +133,7 @@ def visible_faces(
 
 
 def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
-    """Answer which vertices each eye sees: (k, v) bool.
+    """Answer which vertices each eye sees: (k, v) bool, (1, v) of one eye (3,).
 
     A vertex is hidden by faces that the line of sight crosses, never by those that meet it there. So a corner on the
     silhouette is seen. Vertices that no face uses are asked too.
@@ -150,7 +149,7 @@ def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", 
     >>> zo.visible_vertices(mesh, [[3.0, 2.0, 1.5]]).shape == (1, len(mesh.vertices))
     True
     """
-    mesh = as_mesh(mesh)
+    mesh, eyes = as_mesh(mesh), as_eyes(eyes)
     with prepare(mesh, method, **options) as occluder:
         return occluder.visible(SurfacePoints.free(mesh.vertices), eyes)
 
@@ -176,8 +175,8 @@ def coverage(
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
-    together = np.logical_or.accumulate(seen, axis=0).mean(axis=1)
-    return Coverage(seen.mean(axis=1), together, np.sqrt(together * (1 - together) / n_points))
+    n_together = np.logical_or.accumulate(seen, axis=0).sum(axis=1)
+    return Coverage(seen.mean(axis=1), n_together / n_points, error_of_share(n_together, n_points))
 
 
 def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -> VisiblePart:

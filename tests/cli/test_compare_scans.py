@@ -45,6 +45,7 @@ def test_files_that_are_no_scan(run: Run, triangle: str, name: str, content: byt
     ("text", "words"),
     [
         ("1 2 3", "12 or 16"),
+        ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 5", "last row"),
         ("2 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1", "rigid"),
         ("x", "cannot read"),
         ("", "pose for each"),
@@ -56,6 +57,16 @@ def test_poses_that_are_none(run: Run, triangle: str, text: str, words: str) -> 
     run(f"compare-scans {triangle} s.npy --poses p.txt --out o", code=1, says=words)
 
 
+@pytest.mark.parametrize("factor", [1000.0, 1.0])
+def test_a_scan_that_is_elsewhere_is_no_success(run: Run, tmp_path: Path, factor: float) -> None:
+    """Millimetres for metres, and a pose left out: nothing is written."""
+    (tmp_path / "m.obj").write_text(f"v 0 0 0\nv {factor} 0 0\nv 0 {factor} 0\nf 1 2 3\n")
+    np.save("s.npy", np.random.default_rng(0).uniform(3.0, 4.0, (500, 3)))
+    error = run("compare-scans m.obj s.npy --sensor kinect-v1 --out o", code=1, says="near the mesh").err
+    assert ("1,000 times" in error) == (factor == 1000.0)
+    assert not (tmp_path / "o").exists()
+
+
 @pytest.fixture
 def bunny() -> Path:
     if not (BUNNY / "bun.conf").exists():
@@ -64,12 +75,12 @@ def bunny() -> Path:
 
 
 def test_the_bunny_is_scanned_as_it_was(bunny: Path, run: Run, tmp_path: Path) -> None:
-    """Real scans by a laser on a stage: 0.96 of the vertices agree, and at most 0.5 % of the points are hidden."""
+    """Real scans by a laser on a stage: of vertices predicted or scanned 0.92 are both; 0.5 % of points hidden."""
     scans = " ".join(f"{bunny}/{name}.ply" for name in ("bun000", "bun180", "top2"))
     eye = "--eye 0,0.178,1.3 --look-at 0,0.178,0 --up-axis 0,1,0"
     run(f"compare-scans {bunny}/bun_zipper.ply {scans} --sensor cyberware-3030 --poses {bunny}/bun.conf {eye} --out .")
     found = json.loads((tmp_path / "scans.json").read_text())["scans"]
-    assert np.mean([each["agreement"] for each in found]) >= 0.96
+    assert np.mean([each["agreement"] for each in found]) >= 0.92
     assert max(each["false_hidden"] for each in found) <= 0.005
     assert {path.name for path in tmp_path.iterdir()} >= {"scans.html", "scans.md", "scan_0.png", "scan_2.png"}
     one_eye = zo.compare_scans(

@@ -150,11 +150,16 @@ def test_shares_made_one_by_one_are_the_same_dataset(
     assert "2 of 4 groups are this share; 2 of" in first.out
     assert first.out.endswith("zbuf-occlude merge parts\n")
     run("merge parts", code=1, says="all 4 groups of files; group 1 is not done")
-    assert "groups      2 of 4 written" in run("status parts").out
+    status = run("status parts").out
+    assert "groups      2 of 4 written" in status
+    assert "the same command resumes it" in status
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "8")
     monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")
     monkeypatch.setenv("SLURM_ARRAY_TASK_MIN", "7")
     run(f"{line} --out parts")
+    status = run("status parts").out
+    assert "zbuf-occlude merge parts\n" in status
+    assert "resumes" not in status
     merged = run("merge parts --shard 0/2 --workers 1", says="--workers is not needed")
     assert "32 clouds of 8 meshes" in merged.out
     for path in (tmp_path / "whole").glob("*.h5"):

@@ -1,5 +1,6 @@
 """`scan`: one scan into a file, its picture, and what is typed wrongly."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -59,8 +60,37 @@ def test_a_scan_in_the_unit_of_the_file(run: Run, car: Path, tmp_path: Path) -> 
 
 
 def test_a_scan_of_nothing_says_so(run: Run, car: Path) -> None:
+    Path("sideways.csv").write_text("azimuth,elevation\n90,0\n")
     line = f"scan {car} --size 4 --range 10000 --method embree --out s.ply"
-    run(line, says="warning: no ray met the object")
+    run(line, says="warning: all that the rays meet is farther")
+    run(f"scan {car} --size 4 --range 9 --sensor sideways.csv --out s.ply", says="warning: no ray of sideways meets")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--range 3 --set-sensor range_min=50", "nearer .* Raise --range"),
+        ("--range 9 --set-sensor range_max=5", "farther .* Lower --range"),
+        ("--range 9 --set-sensor incidence_max=0.01", "steeper .* incidence_max=90"),
+        ("--range 9 --set-sensor drop=1", "lost.* noise=0"),
+        ("--range 9 --sensor far.yaml", "second eye .* baseline=0"),
+    ],
+)
+def test_what_leaves_all_out_is_blamed(run: Run, car: Path, options: str, words: str) -> None:
+    """One number of the sensor each time, and the range is right."""
+    sensor = "--sensor pinhole:width=60,height=40,fov=40"
+    Path("far.yaml").write_text("kind: pinhole\nwidth: 60\nheight: 40\nfov: 40\nbaseline: [0, -500, 0]\n")
+    error = run(f"scan {car} --size 4 {sensor} {options} --azimuth 33 --elevation 17 --out s.ply").err
+    assert re.search(f"warning: .*{words}", error), error
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(2.0, "lasts 2 s, a sweep 0.1 s: one sweep"), (0.01, "stands still"), (0.1, "")]
+)
+def test_a_trajectory_of_another_length_is_said(run: Run, car: Path, seconds: float, words: str) -> None:
+    Path("t.txt").write_text(f"0 0 0 0 0 0 0 1\n{seconds} 1 0 0 0 0 0 1\n")
+    error = run(f"scan {car} --size 4 --range 9 --sensor vlp-16 --trajectory t.txt --out s.ply").err
+    assert (words in error) if words else ("trajectory" not in error)
 
 
 def test_windows_by_name(run: Run, tmp_path: Path) -> None:

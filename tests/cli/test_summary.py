@@ -1,6 +1,7 @@
 """What `generate` says at the end: how wrong the data are, where they are worst, and what would help."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import SQUARE, stacked
+from zbuf_occlude.cli.generate import files_beside
 from zbuf_occlude.cli.messages import measured
+from zbuf_occlude.cli.shell import progress_bar
 from zbuf_occlude.dataset.counts import Counts, WorstView
 
 
@@ -26,11 +29,34 @@ def test_counts_add_up_and_keep_the_worst() -> None:
 @pytest.mark.parametrize(("share", "warned"), [(0.05, False), (0.06, True)])
 def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: bool) -> None:
     counts = Counts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
-    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error)
+    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error, False)
     warning = (
         "warning: 6% of the points checked in view 7 of chair are wrong, and more than 1 % in 3.0% of the views checked"
     )
     assert (warning in text, "--method exact" in text) == (warned, warned)
+
+
+def test_what_was_not_checked_has_no_error() -> None:
+    """Clouds of which none was checked are not called complete, nor right."""
+    assert "nothing was removed" in measured(Counts().error, True)
+    said = measured(Counts(n_clouds=3).error, False)
+    assert said.startswith("warning: ")
+    assert "not known" in said
+    assert "%" not in said
+
+
+def test_a_bar_in_a_file_is_seldom_drawn_again(capsys: pytest.CaptureFixture[str]) -> None:
+    """It has the first progress, and the last, also of what stands beside it."""
+    with progress_bar(100_000, "clouds", "generate") as bar:
+        show = files_beside(bar)
+        time.sleep(0.01)
+        for _ in range(500):
+            bar.update(1)
+            show(1)
+    drawn = capsys.readouterr().err.split("\r")
+    assert 2 <= len(drawn) <= 6
+    assert "500/100000" in drawn[-1]
+    assert "500 files written" in drawn[-1]
 
 
 def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:

@@ -33,6 +33,21 @@ def test_any_frame_scale_and_format(run: Run, modelnet: Path, options: str) -> N
     assert "points asked of the oracle: 0." in run(f"verify out {modelnet}").out
 
 
+@pytest.mark.parametrize(("n_checked", "code"), [(20, 0), (37_000, 1)])
+def test_no_error_among_few_pairs_promises_little(
+    run: Run, modelnet: Path, tmp_path: Path, n_checked: int, code: int
+) -> None:
+    """Of 20 pairs of which none is wrong, up to a sixth of all may be; of 37,000 one in 10,000."""
+    grid = SMALL.replace("--method oracle", "--method occupancy_grid --set n=24")
+    run(f"generate {modelnet} --out out {grid}")
+    path = tmp_path / "out" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    assert 0.01 < manifest["error"]["false_visible"] < 0.15
+    manifest["error"] |= {"false_visible": 0.0, "n_checked": n_checked}
+    path.write_text(json.dumps(manifest))
+    run(f"verify out {modelnet}", code=code)
+
+
 def test_rounding_is_no_fault_where_faces_are_small(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A point of `packed` is off by up to a 131,070th of the ball: below its neighbour where that is bent away."""
     ball = icosphere(subdivisions=4)

@@ -49,6 +49,15 @@ def test_arrays_hold_positions(run: Run, plates: Path, tmp_path: Path, suffix: s
     assert (cloud <= high + 1e-9).all()
 
 
+def test_a_csv_has_all_digits(run: Run, tmp_path: Path) -> None:
+    """A thousand kilometres from the origin nine digits are five millimetres."""
+    corners = np.array([[1e6, 0, 0], [1e6 + 1, 0, 0], [1e6, 1, 0]])
+    write_off(tmp_path / "far.off", corners, np.array([[0, 1, 2]]))
+    for suffix in ("npy", "csv"):
+        run(f"visible far.off --elevation=60 --method=oracle --points=50 --out c.{suffix}")
+    assert np.array_equal(np.load("c.npy"), np.loadtxt("c.csv", delimiter=",", skiprows=1))
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_normals_and_colours(run: Run, tmp_path: Path, suffix: str) -> None:
     """A square of colours that are its places, from below: its normals point down."""

@@ -8,6 +8,7 @@ import pytest
 from tests.scenes import two_plates
 from zbuf_occlude import sample_surface
 from zbuf_occlude.compare import metrics
+from zbuf_occlude.compare.comparison_report import table_by_mesh
 
 ANSWER = np.array([[True, True, False, False, True]])
 TRUTH = np.array([[True, False, True, False, True]])
@@ -24,7 +25,8 @@ def test_counts_and_fractions() -> None:
         "false_visible": 0.0,
         "false_hidden": pytest.approx(1 / 3),
     }
-    assert metrics.as_fractions({"n": 0, "false_visible": 0, "false_hidden": 0})["agreement"] == 1.0
+    of_none = metrics.as_fractions({"n": 0, "false_visible": 0, "false_hidden": 0})
+    assert of_none == {"n": 0, "agreement": None, "false_visible": None, "false_hidden": None}
 
 
 def test_bins_include_their_upper_end_and_open_last() -> None:
@@ -100,6 +102,18 @@ def test_standings_are_means_over_the_meshes_least_wrong_first() -> None:
     assert quick.wrong == pytest.approx(0.03)
     assert quick.seconds == pytest.approx(0.002), "geometric mean"
     assert (quick.n_meshes, quick.pairs, quick.memory) == (2, 2000, 2**20)
+
+
+def test_a_mesh_without_a_pair_to_judge_makes_no_subject_right() -> None:
+    """All its pairs lie in the boundary band: it is in no mean, and a dash in the table."""
+    band = row("quick:n=1", "c", 0.0, 1.0)
+    band["judged"]["outside"] = metrics.as_fractions({"n": 0, "false_visible": 0, "false_hidden": 0})
+    ranking = {one.subject: one for one in metrics.standings([*ROWS, band])}
+    assert ranking["quick:n=1"].wrong == pytest.approx(0.03)
+    assert metrics.standings([band]) == []
+    assert metrics.wrong_outside(band) == "–"
+    cells = table_by_mesh([*ROWS, band]).rows
+    assert any(cell.startswith("–") for line in cells for cell in line)
 
 
 def test_times_of_fewer_points_are_scaled_up() -> None:

@@ -1,15 +1,21 @@
 """compare-scans: scans that are known are found as they were made; files and poses of all kinds."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+pytest.importorskip("PIL", reason="Pillow is not installed: pip install 'zbuf-occlude[report]'")
+
+from PIL import Image
+
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, together
-from zbuf_occlude.compare.scan_comparison import BOTH, NOT_SCANNED
+from zbuf_occlude.compare.scan_comparison import BOTH, NOT_SCANNED, write_scan_report
+from zbuf_occlude.scenes import Placed, moved
 from zbuf_occlude.sensors import look_at, make
 
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
@@ -41,7 +47,7 @@ def seen_by(mesh: zo.Mesh, sensor: zo.sensors.Sensor, pose: np.ndarray = STANDS)
 def test_a_scan_of_the_sensor_itself_agrees(thing: zo.Mesh) -> None:
     (found,) = zo.compare_scans(thing, [seen_by(thing, CAMERA)], CAMERA, poses=[STANDS])
     assert found.false_hidden == 0.0
-    assert found.agreement > 0.95
+    assert found.agreement > 0.85
     assert found.n_real == found.n_simulated > 5_000
     assert abs(found.residual) < 1e-12
     assert found.sigma < 1e-12
@@ -53,10 +59,10 @@ def test_what_a_second_eye_misses_is_found(thing: zo.Mesh) -> None:
     two = CAMERA.with_numbers(baseline=[0.0, -0.6, 0.0])
     real = seen_by(thing, two)
     (by_one,), (by_two,) = (zo.compare_scans(thing, [real], sensor, poses=[STANDS]) for sensor in (CAMERA, two))
-    assert by_two.agreement > 0.95
+    assert by_two.agreement > 0.85
     assert by_one.agreement < by_two.agreement - 0.02
     assert by_one.share(NOT_SCANNED) > by_two.share(NOT_SCANNED) + 0.02
-    assert by_one.share(BOTH) == pytest.approx(by_two.share(BOTH), abs=0.01)
+    assert (by_one.cases == BOTH).mean() == pytest.approx((by_two.cases == BOTH).mean(), abs=0.01)
 
 
 def test_points_behind_the_surface_are_hidden(thing: zo.Mesh) -> None:
@@ -68,7 +74,8 @@ def test_points_behind_the_surface_are_hidden(thing: zo.Mesh) -> None:
     half = real[real[:, 1] > np.median(real[:, 1])]
     (found,) = zo.compare_scans(thing, [half], CAMERA, poses=[STANDS])
     (whole,) = zo.compare_scans(thing, [real], CAMERA, poses=[STANDS])
-    assert found.share(NOT_SCANNED) == pytest.approx(whole.share(BOTH) / 2, abs=0.1)
+    assert (found.cases == NOT_SCANNED).mean() == pytest.approx((whole.cases == BOTH).mean() / 2, abs=0.1)
+    assert found.agreement == pytest.approx(whole.agreement / 2, abs=0.2)
 
 
 def test_noise_is_measured_along_the_ray(thing: zo.Mesh) -> None:
@@ -96,7 +103,7 @@ def test_scans_in_a_frame_of_their_own(thing: zo.Mesh) -> None:
     mounted = np.linalg.inv(frame) @ STANDS
     (found,) = zo.compare_scans(thing, [local], CAMERA, poses=[frame], sensor_pose=mounted)
     assert found.false_hidden == 0.0
-    assert found.agreement > 0.95
+    assert found.agreement > 0.85
 
 
 def test_files_of_all_kinds_hold_the_same_scan(thing: zo.Mesh, tmp_path: Path) -> None:
@@ -130,7 +137,8 @@ def test_poses_of_all_kinds(thing: zo.Mesh, tmp_path: Path) -> None:
     np.savetxt(tmp_path / "row.txt", STANDS[:3].reshape(1, 12))
     axes = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # a sensor's frame to a camera's
     to_camera = axes @ STANDS[:3, :3].T
-    row = {"cam_R_m2c": to_camera.ravel().tolist(), "cam_t_m2c": (-to_camera @ STANDS[:3, 3]).tolist(), "obj_id": 1}
+    millimetres = (-1000.0 * to_camera @ STANDS[:3, 3]).tolist()
+    row = {"cam_R_m2c": to_camera.ravel().tolist(), "cam_t_m2c": millimetres, "obj_id": 1}
     (tmp_path / "scene_gt.json").write_text(json.dumps({"0": [row]}))
     w = np.sqrt(1.0 + np.trace(STANDS[:3, :3])) / 2.0
     r = STANDS[:3, :3]
@@ -156,6 +164,10 @@ def test_poses_of_all_kinds(thing: zo.Mesh, tmp_path: Path) -> None:
         ([np.eye(3)], {"slack": np.nan}, "slack must be"),
         ([np.eye(3)], {"poses": []}, "poses must be one per scan"),
         ([], {}, "one or more"),
+        ([np.eye(3)], {"poses": [np.diag([1.0, 1.0, 1.0, 5.0])]}, "last row"),
+        ([np.eye(3)], {"poses": [np.full((4, 4), np.nan)]}, "finite"),
+        ([np.eye(3)], {"sensor_pose": np.diag([2.0, 2.0, 2.0, 1.0])}, "rigid"),
+        ([np.eye(3) * 1e155], {}, "at most"),
     ],
 )
 def test_scans_that_are_none(thing: zo.Mesh, scans: list[Any], given: dict[str, Any], words: str) -> None:
@@ -170,4 +182,79 @@ def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:
     trimesh.Trimesh(thing.vertices, thing.faces, process=False).export(tmp_path / "thing.glb")
     (found,) = zo.compare_scans(tmp_path / "thing.glb", [seen_by(thing, CAMERA)], CAMERA, poses=[STANDS], slack=0.01)
     assert found.false_hidden == 0.0
-    assert found.agreement > 0.95
+    assert found.agreement > 0.85
+
+
+def test_what_is_nowhere_near_is_refused(thing: zo.Mesh) -> None:
+    """Millimetres for metres, or no pose: the message has both sizes, and the factor between them."""
+    real = seen_by(thing, CAMERA)
+    with pytest.raises(zo.ArgumentError, match=r"near the mesh.*1,000 times as large.*Scale it by 0\.001"):
+        zo.compare_scans(thing.transformed(1000.0), [real], CAMERA, poses=[STANDS])
+    with pytest.raises(zo.ArgumentError, match=r"1,000 times smaller.*Scale it by 1000"):
+        zo.compare_scans(thing.transformed(0.001), [real], CAMERA, poses=[STANDS])
+    with pytest.raises(zo.ArgumentError, match=r"points are .* apart.*100 times smaller"):
+        zo.compare_scans(thing, [real[::40] * 100.0], CAMERA, poses=[STANDS])
+    with pytest.raises(zo.ArgumentError, match=r"near the mesh.*pose"):
+        zo.compare_scans(thing, [real], CAMERA)
+
+
+def test_figures_without_data_are_absent(thing: zo.Mesh, tmp_path: Path) -> None:
+    """A wall before a camera is met within 30 degrees; of a sensor that looks away nothing is predicted."""
+    wall = finely(zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]]), 3)
+    before = look_at([5.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    (found,) = zo.compare_scans(wall, [seen_by(wall, CAMERA, before)], CAMERA, poses=[before])
+    spreads = [span["sigma"] for span in found.by_incidence]
+    assert np.isnan(spreads).tolist() == [False, False, True, True, True, True]
+    assert [span["sigma"] for span in found.document["by_incidence"]][2:] == [None] * 4
+    away = look_at([5.0, 0.0, 0.0], [9.0, 0.0, 0.0])
+    vertices = (wall.vertices - away[:3, 3]) @ away[:3, :3]
+    (found,) = zo.compare_scans(wall, [vertices], CAMERA, poses=[away], tolerance=1e-6, slack=1e-6)
+    assert found.n_simulated == 0
+    assert found.agreement == 0.0, "what was scanned was not predicted"
+    behind = seen_by(thing, CAMERA) * 1.05
+    (found,) = zo.compare_scans(thing, [behind], CAMERA, poses=[STANDS], slack=1e-3, tolerance=0.3)
+    assert found.false_hidden > 0.99
+    lone = replace(found, cases=np.full_like(found.cases, 3), residual=np.nan, sigma=np.nan, sensor_sigma=np.nan)
+    assert np.isnan(lone.agreement)
+    assert "\N{EN DASH} of vertices agree" in repr(lone)
+    write_scan_report(tmp_path, [lone], CAMERA)
+    text = (tmp_path / "scans.json").read_text()
+    assert "NaN" not in text
+    document = json.loads(text)["scans"][0]
+    assert document["agreement"] is document["residual"]["median"] is document["residual"]["sigma"] is None
+    row = next(line for line in (tmp_path / "scans.md").read_text().splitlines() if line.startswith("| scan 0"))
+    assert row.count("\N{EN DASH}") == 5
+
+
+def test_folders_of_bop_are_read_as_they_are(thing: zo.Mesh, tmp_path: Path) -> None:
+    """Millimetres, K from the first pixel's centre, and steps that are no millimetre; each object by its model."""
+    small = box((0.3, 0.2, 0.1))
+    scene = zo.Scene.joined([Placed(thing, "thing"), Placed(small, "crate", moved(yaw=0.4, to=(0.0, 1.2, 0.1)))])
+    views = zo.views.for_mesh(scene.mesh, "ring:2@30")
+    zo.write_bop(tmp_path, scene, views, width=200, height=150, fov=45)
+    train = tmp_path / "train" / "000000"
+    cameras = json.loads((train / "scene_camera.json").read_text())
+    for number in cameras:  # as another tool may have scaled them
+        with Image.open(train / "depth" / f"{int(number):06d}.png") as image:
+            half = np.asarray(image) // 2
+        Image.fromarray(half.astype(np.uint16)).save(train / "depth" / f"{int(number):06d}.png")
+        cameras[number]["depth_scale"] *= 2.0
+    (train / "scene_camera.json").write_text(json.dumps(cameras))
+    images = sorted((train / "depth").iterdir())
+    models = [tmp_path / "models" / f"obj_00000{i}.ply" for i in (1, 2)]
+    step = cameras["0"]["depth_scale"] / 1000.0
+    for model, n_pixels in ((models[0], 1000), (models[1], 50)):
+        given = {"poses": train / "scene_gt.json", "slack": 4 * step}
+        for found in zo.compare_scans(model, images[::-1], "pinhole:noise=0", **given):
+            assert found.false_hidden == 0.0
+            assert abs(found.residual) < step
+            assert n_pixels < found.n_simulated < found.n_real
+    first, second = zo.compare_scans(models[0], images, "pinhole", poses=train / "scene_gt.json", tolerance=0.03)
+    assert min(first.agreement, second.agreement) > 0.75
+    with pytest.raises(zo.DatasetError, match=r"objects 1, 2.*models"):
+        zo.compare_scans(thing, images, "pinhole", poses=train / "scene_gt.json")
+    with pytest.raises(zo.OptionError, match="pinhole"):
+        zo.compare_scans(models[0], images, "vlp-16", poses=train / "scene_gt.json")
+    (train / "scene_camera.json").write_text('{"0": {}}')
+    with pytest.raises(zo.DatasetError, match=r"scene_camera\.json.*cam_K"):
+        zo.compare_scans(models[0], images[:1], "pinhole", poses=train / "scene_gt.json")

@@ -132,6 +132,8 @@ def test_models_info(written: Path) -> None:
         (([SCENE], [VIEWS, VIEWS]), {}, "got 2 for 1"),
         ((SCENE, VIEWS.select(np.zeros(0, dtype=int))), {}, "views must be one at least"),
         ((SCENE, VIEWS), {"split": "a/b"}, "split must be"),
+        ((SCENE, VIEWS), {"split": "a\0b"}, "split must be"),
+        ((SCENE, VIEWS), {"split": None}, "split must be"),
         ((SCENE, VIEWS), {"width": 0}, "width"),
     ],
 )
@@ -139,6 +141,16 @@ def test_what_cannot_be_written(tmp_path: Path, arguments: Any, options: dict[st
     with pytest.raises(zo.OccludeError, match=words):
         zo.write_bop(tmp_path / "bop", *arguments, **options)
     assert not (tmp_path / "bop").exists()
+
+
+def test_older_output_is_not_mixed_with_new(tmp_path: Path) -> None:
+    """Two scenes before, one now: the second would stay, with numbers of other models."""
+    zo.write_bop(tmp_path, [SCENE, SCENE], VIEWS, width=16, height=12)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    for split in ("train", "test"):
+        with pytest.raises(zo.ArgumentError, match=r"must be new.*models"):
+            zo.write_bop(tmp_path, SCENE, VIEWS, width=16, height=12, split=split)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
 def test_background_is_marked_or_named(tmp_path: Path) -> None:

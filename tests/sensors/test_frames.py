@@ -160,7 +160,15 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
         ("at most 67,108,864 pixels", lambda: zo.frames(box(), views, width=10**5, height=10**5)),
         ("fov must lie between 0 and 180", lambda: zo.frames(box(), views, fov=200.0)),
         ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
-        ("at most 65535 steps", lambda: zo.write_frames(tmp_path, zo.frames(box(), views, **SMALL), unit=1e-9)),
+        ("colors must be true or false", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
+        ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]
+        ("occluder must be of the mesh", lambda: zo.frames(box(), views, occluder=zo.prepare(sphere()))),
+        ("occluder must be of the mesh", lambda: zo.scan(box(), "vlp-16", range=3, occluder=zo.prepare(sphere()))),
+        *(
+            ("unit must be", lambda unit=unit: zo.write_frames(tmp_path / "out", zo.frames(box(), views), unit=unit))
+            for unit in (np.nan, np.inf, -1.0, 0.0, "m", 1e9)
+        ),
+        ("at most 65535 steps", lambda: zo.write_frames(tmp_path / "out", zo.frames(box(), views, **SMALL), unit=1e-9)),
     ):
         with pytest.raises(zo.OccludeError, match=message):
             call()
@@ -178,7 +186,8 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     """Of a mesh away from the origin: a dataset's world is the middle of its box."""
     image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
     mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
-    sensor = zo.sensors.make("pinhole", width=64, height=48, fov=30)
+    width, height = (20, 30) if from_file else (64, 48)  # those of a file are in the file
+    sensor = zo.sensors.make("pinhole", width=width, height=height, fov=30)
     recipe = Recipe(
         method="exact",
         views=str(cameras) if from_file else "ring:3@25",
@@ -205,3 +214,91 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     placed = zo.views.from_json(tmp_path / "out" / folder / "cameras.json")
     assert placed.eyes + mesh.centre == pytest.approx(views.eyes)
     assert placed.intrinsics(64, 48)[0] == pytest.approx(frame.intrinsics)
+
+
+@pytest.mark.parametrize("form", ["frames", "bop"])
+def test_of_several_echoes_a_picture_has_the_first(form: str, tmp_path: Path) -> None:
+    """Beams that spread over the edge of a plate meet the one behind it too: all returns show what the first do."""
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    corners = [[-0.5, -0.4, -0.5], [-0.5, 0.4, -0.5], [-0.5, 0.4, 0.5], [-0.5, -0.4, 0.5]]
+    behind = [[-2.0, 2 * y, 2 * z] for _, y, z in corners]
+    mesh = zo.Mesh(corners + behind, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    shown = {}
+    for returns in ("first", "last", "all"):
+        numbers = {"width": 64, "height": 48, "fov": 40, "divergence": 0.02, "echo_separation": 0.1}
+        sensor = zo.sensors.make("pinhole", returns=returns, **numbers)
+        recipe = Recipe(
+            method="exact",
+            views="ring:1@0",
+            scanning=asdict(Setup(sensor.document, size="file", keep="all", range=(4.0, 4.0), method="exact")),
+            sample_size=None,
+            scale="mesh",
+            attributes=("normals",),
+        )
+        generate(
+            Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), recipe, form), tmp_path / returns
+        )
+        (file,) = (tmp_path / returns).glob("**/*_depth.png" if form == "frames" else "**/depth/*.png")
+        shown[returns] = np.array(image.open(file))
+    assert (shown["first"] != shown["last"]).sum() > 50
+    assert (shown["all"] == shown["first"]).all()
+
+
+@pytest.mark.parametrize(("away", "width"), [(1.05, 64), (1.6, 48), (20.0, 64)])
+def test_without_a_field_of_view_the_whole_mesh_is_seen_from_near_too(away: float, width: int) -> None:
+    """From 0.05 before a box of two metres: all corners are in the picture."""
+    mesh = zo.Mesh(box((2.0, 1.0, 1.0)).vertices - box((2.0, 1.0, 1.0)).centre, box().faces)
+    views = zo.views.from_angles(0.0, 0.0, distance=1.0).around(np.zeros(3), away)
+    (frame,) = zo.frames(mesh, views, width=width, height=48)
+    pixels = (mesh.vertices @ frame.extrinsics[:, :3].T + frame.extrinsics[:, 3]) @ frame.intrinsics.T
+    places = pixels[:, :2] / pixels[:, 2:]
+    assert (places >= 0).all()
+    assert (places <= [width, 48]).all()
+
+
+def test_a_camera_within_the_mesh_is_said() -> None:
+    mesh = sphere()
+    with pytest.warns(UserWarning, match="whole mesh"):
+        next(zo.frames(mesh, zo.views.from_angles(0.0, 0.0, distance=0.3), **SMALL))
+
+
+def test_older_frames_are_not_mixed_with_new_ones(tmp_path: Path) -> None:
+    mesh = box()
+    (tmp_path / "notes.txt").write_text("mine")
+    zo.write_frames(tmp_path, zo.frames(mesh, zo.views.for_mesh(mesh, "ring:3@20"), **SMALL))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(zo.ArgumentError, match=r"must be new.*older frames"):
+        zo.write_frames(tmp_path, zo.frames(mesh, zo.views.for_mesh(mesh, "ring:1@20"), **SMALL))
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_what_is_met_is_never_a_depth_of_nothing(tmp_path: Path) -> None:
+    """One plate lies before the camera, another a million times farther: the near one is one step away."""
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    plate = zo.Mesh([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
+    near, far = moved(scale=1e-3, to=(-1e-3, 0.0, 0.0)), moved(scale=1e3, to=(-1e3, 900.0, 0.0))
+    scene = zo.Scene.joined([Placed(plate, "near", near), Placed(plate, "far", far)])
+    frame = next(zo.frames(scene, zo.views.from_angles(0, 0, distance=1e-9), fov=120, **SMALL))
+    zo.write_frames(tmp_path, [frame])
+    assert set(np.unique(frame.instances)) >= {0, 1}
+    assert ((np.array(image.open(tmp_path / "000_depth.png")) > 0) == frame.mask).all()
+
+
+def test_cameras_of_a_file_have_its_pixels(tmp_path: Path) -> None:
+    """Two cameras of unlike sizes; all can be given another."""
+    other = {**CAMERAS[0], "width": 30, "height": 20, "K": [[40.0, 0.0, 14.0], [0.0, 40.0, 11.0], [0.0, 0.0, 1.0]]}
+    (tmp_path / "two.json").write_text(json.dumps([CAMERAS[0], other]))
+    views = zo.views.from_json(tmp_path / "two.json")
+    one, two = zo.frames(soup(300, 0.4), views)
+    assert (one.depth.shape, two.depth.shape) == ((48, 64), (20, 30))
+    assert two.intrinsics == pytest.approx(np.array(other["K"]))
+    assert [frame.depth.shape for frame in zo.frames(box(), views, width=64, height=48)] == [(48, 64)] * 2
+    with pytest.raises(zo.ArgumentError, match="both, or neither"):
+        zo.frames(box(), views, width=64)
+    kept = zo.Views.from_table(views.around(np.ones(3), 2.0).select([1]).table.tolist())
+    assert kept.sizes is not None
+    assert kept.sizes.tolist() == [[30, 20]]
+    assert kept.looking(None, 0.5).sizes is None, "another field of view has other pixels"
+    del other["width"]
+    (tmp_path / "two.json").write_text(json.dumps([CAMERAS[0], other]))
+    assert zo.views.from_json(tmp_path / "two.json").sizes is None, "one does not say"

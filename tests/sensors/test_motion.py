@@ -9,6 +9,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, stacked
+from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors import Motion, look_at, make, read_trajectory
 from zbuf_occlude.sensors.setup import Setup
 
@@ -123,6 +124,7 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
         ({"velocity": [1.0, 2.0]}, "velocity"),
         ({"turn": float("nan")}, "turn"),
         ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 0]]}, "row 1 .*quaternion"),
+        ({"turn": 1.0, "deskew": "no"}, "deskew must be true or false"),
         ({"trajectory": [[1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 0, 1]]}, "row 2 .*later"),
         ({"trajectory": [[0, 0, 0]]}, "trajectory must be"),
         ({"trajectory": [[0], [1, 2]]}, "trajectory must be"),
@@ -130,8 +132,26 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
     ],
 )
 def test_motions_that_are_none(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(zo.ArgumentError, match=words):
+    with pytest.raises((zo.ArgumentError, zo.OptionError), match=words):
         Motion(**given)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_a_quaternion_of_any_length_is_the_same_rotation(size: float) -> None:
+    """A quarter to the left, whose square over- or underflows."""
+    rows = [[0, 0, 0, 0, 0, 0, 0, size], [1, 0, 0, 0, 0, 0, size, size]]
+    if size > 1.0:
+        rotations, _ = Motion(trajectory=rows).poses(np.array([1.0]))
+        assert rotations[0] == pytest.approx(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    turned = rotations_of(unit_quaternions([0.0, 0.0, size, size]))
+    assert turned == pytest.approx(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    with pytest.raises(zo.ArgumentError, match="not zero"):
+        unit_quaternions([0.0, 0.0, np.inf, 1.0])
+
+
+def test_a_pose_with_another_last_row_is_refused() -> None:
+    with pytest.raises(zo.ArgumentError, match="last row 0 0 0 1"):
+        zo.scan(ROOM, lidar(), np.diag([1.0, 1.0, 1.0, 5.0]))
 
 
 def test_faults_of_files_have_their_rows(tmp_path: Path) -> None:

@@ -218,3 +218,16 @@ def test_numbers_can_be_changed_and_the_table_stays() -> None:
     assert make("vlp-32c").pattern["columns"] == 1800
     assert make("pinhole", f=500.0).pixels == 500.0
     assert Imperfections().sigma == 0.0
+
+
+@pytest.mark.parametrize(
+    ("ends", "last"), [((-135.0, 135.0), 135.0), ((135.0, -135.0), -135.0), ((0.0, 360.0), 359.75), ((5.0, 5.0), 5.0)]
+)
+def test_the_last_firing_is_at_the_end_of_a_part_of_a_turn(ends: tuple[float, float], last: float) -> None:
+    """1,081 firings over 270 degrees are a quarter of a degree apart; a whole turn ends where it began."""
+    columns = 1440 if ends[1] == 360.0 else 1081
+    rays = zo.sensors.Sensor("line", "spinning", {"lasers": [0.0], "columns": columns, "azimuths": ends}).rays()
+    azimuths = np.degrees(np.unwrap(np.arctan2(rays.directions[:, 1], rays.directions[:, 0])))
+    assert azimuths[0] == pytest.approx(ends[0])
+    assert azimuths[-1] == pytest.approx(last)
+    assert np.diff(azimuths) == pytest.approx((last - ends[0]) / (columns - 1))

@@ -155,8 +155,9 @@ def run_cases(
     with progress_bar(total, "rows", "compare") as bar:
 
         def progress(text: str) -> None:
-            bar.update(1 if bar.postfix else 0)  # what was announced before is done
-            bar.set_postfix_str(text)
+            n_done = 1 if bar.postfix else 0  # what was announced before is done
+            bar.set_postfix_str(text, refresh=False)
+            bar.update(n_done)
 
         tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
         bar.update(total - bar.n)

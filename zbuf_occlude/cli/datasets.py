@@ -62,7 +62,10 @@ def tell(report: dict[str, Any]) -> None:
         echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
     for key, reason in report["failures"].items():
         echo(f"failed      {key}: {reason}")
-    echo(f"state       {'complete' if report['complete'] else 'not complete; the same command resumes it'}")
+    state = "complete" if report["complete"] else "not complete; the same command resumes it"
+    if not report["complete"] and report["groups_done"] == report["groups"]:
+        state = f"not complete; all groups are made: zbuf-occlude merge {report['folder']}"
+    echo(f"state       {state}")
 
 
 def gather(folder: Path) -> dict[str, Any]:

@@ -305,6 +305,7 @@ def files_beside(bar: Any) -> Callable[[int], None]:
         nonlocal total
         total += files
         if total:
-            bar.set_postfix_str(f"{total} files written")
+            bar.set_postfix_str(f"{total} files written", refresh=False)
+            bar.update(0)
 
     return show

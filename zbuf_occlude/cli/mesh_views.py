@@ -28,8 +28,9 @@ from zbuf_occlude.cli.shared_options import (
 from zbuf_occlude.cli.shell import Command, echo, on
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.point_files import write_ply
+from zbuf_occlude.dataset.point_files import write_csv, write_ply
 from zbuf_occlude.errors import check_word
+from zbuf_occlude.geometry.cloud import columns_of
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
@@ -176,14 +177,12 @@ def _write_cloud(
     if out.suffix.lower() == ".ply":
         write_ply(out, positions, normals, colors)
         return
-    more = {"normals": (normals, "nx,ny,nz"), "colors": (colors, "red,green,blue")}
-    chosen = [(positions, "x,y,z"), *(more[name] for name in ATTRIBUTES if name in attributes)]
-    table = np.concatenate([each for each, _ in chosen if each is not None], axis=1)
+    normals, colors = normals if "normals" in attributes else None, colors if "colors" in attributes else None
     if out.suffix.lower() == ".npy":
+        table = np.concatenate([positions, *(each for each in (normals, colors) if each is not None)], axis=1)
         atomic.write(out, lambda file: np.save(file, table))
     else:
-        header = ",".join(names for _, names in chosen)
-        atomic.write(out, lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.9g"))
+        write_csv(out, columns_of(positions, normals, colors))
 
 
 @click.command(cls=Command)

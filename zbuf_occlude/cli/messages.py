@@ -24,10 +24,12 @@ BAD = 0.05
 another sheet too near."""
 
 
-def measured(error: dict[str, Any]) -> str:
-    """Say how wrong a dataset is."""
+def measured(error: dict[str, Any], complete: bool) -> str:
+    """Say how wrong a dataset is; `complete`: of clouds of which nothing is hidden."""
     if not error["n_checked"]:
-        return "complete clouds: nothing was removed, so nothing was measured"
+        if complete:
+            return "complete clouds: nothing was removed, so nothing was measured"
+        return "warning: how wrong the clouds are is not known: none of the views drawn for the check has a point"
     lines = [
         f"measured against the oracle on {error['n_checked']} pairs of view and point: "
         f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden; "
@@ -95,7 +97,7 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
         f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on(document['renderer'])}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
-        measured(error),
+        measured(error, options["complete"]),
         *stacked(document),
         *lacking(document),
         f"data      {out / names[0]}{others} ({n_files})",

@@ -18,6 +18,7 @@ from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
@@ -83,7 +84,7 @@ def scan_command(
         if passing is not None and (passing[capture.scene.instances == 0] == 1.0).all():
             said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
         else:
-            said = "no ray met the object within the sensor's range. Lower --range."
+            said = why_empty(capture.scene, setup.made_sensor, capture.pose, setup.method, setup.keep == "all")
         echo(f"warning: {said}", err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)

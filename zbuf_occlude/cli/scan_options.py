@@ -173,7 +173,7 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         scene, objects = "file", read_scene(Path(scene))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
-    return Setup(
+    setup = Setup(
         sensor.document,
         range=parse_span("--range", options["range_"]) if options["range_"] is not None else None,
         size=parse_sizes(options["size"]) if options["size"] else {},
@@ -187,6 +187,9 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         transparent=dict(_material(each) for each in options["transparent"]),
         motion=_motion(options),
     )
+    if setup.made_motion is not None and (said := setup.made_motion.unlike(sensor.rays())):
+        echo(f"warning: {said}", err=True)
+    return setup
 
 
 def _motion(options: dict[str, Any]) -> dict[str, Any] | None:

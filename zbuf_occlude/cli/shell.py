@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -39,12 +40,26 @@ def one_line(error: click.ClickException) -> str:
 
 
 def progress_bar(total: float, unit: str, what: str, **more: Any) -> Any:
-    """Return a tqdm bar, shown with the first progress: after all that may refuse."""
+    """Return a tqdm bar, shown with the first progress: after all that may refuse; in a file seldom drawn again."""
     from tqdm import tqdm  # late: help needs none
 
-    return tqdm(total=total, unit=f" {unit}", desc=what, **{"smoothing": 0.05, "delay": 1e-3, "mininterval": 0, **more})
+    class Bar(tqdm):  # type: ignore[misc]  # it has no types
+        def update(self, n: float | None = 1) -> bool | None:
+            drawn = super().update(n)
+            if drawn:
+                self.mininterval = ON_SCREEN if sys.stderr.isatty() else IN_A_FILE
+            return drawn
+
+    return Bar(
+        total=total,
+        unit=f" {unit}",
+        desc=what,
+        **{"smoothing": 0.05, "delay": 1e-3, "mininterval": 0, "miniters": 0, **more},
+    )
 
 
+ON_SCREEN, IN_A_FILE = 0.1, 5.0
+"""Seconds until a bar is drawn again."""
 LEAST_MEMORY = 768 * 2**20
 """Bytes of address space: with 500 MB compiling ends in an abort of LLVM's, with 800 MB a small dataset is made."""
 

@@ -25,6 +25,7 @@ from zbuf_occlude.compare.metrics import (
     seconds_for_all_points,
     share,
     standings,
+    wrong_outside,
 )
 from zbuf_occlude.compare.run import ROWS, ComparisonFolder
 from zbuf_occlude.drawing import pages
@@ -193,7 +194,7 @@ def table_by_mesh(rows: Sequence[Row]) -> Table:
         case, faces = row["case"], row.get("mesh", {}).get("faces")
         heads[case] = f"{verbatim(case)} ({faces:,} faces)" if faces else heads.get(case, verbatim(case))
         if row["status"] == "ok":
-            wrong = share(1.0 - row["judged"]["outside"]["agreement"])
+            wrong = wrong_outside(row)
             cells[case, row["subject"]] = f"{wrong} · {milliseconds(seconds_for_all_points(row))} ms"
     subjects = [one.subject for one in standings(rows)]
     body = [[f"`{subject}`", *(cells.get((case, subject), NONE) for case in heads)] for subject in subjects]
@@ -439,7 +440,7 @@ def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Standing]) ->
         sums: dict[float, list[float]] = {}
         for row in rows:
             if row["subject"] == one.subject and row["status"] == "ok":
-                for view in row["judged"]["views"]:
+                for view in (view for view in row["judged"]["views"] if view["outside"]["n"]):
                     sums.setdefault(round(view["elevation"]), []).append(1.0 - view["outside"]["agreement"])
         elevations = sorted(sums)
         means = [float(np.mean(sums[e])) or np.nan for e in elevations]  # a logarithm has no place for 0

@@ -61,12 +61,13 @@ def count_errors(answer: BoolArray, truth: BoolArray, where: BoolArray | None = 
     }
 
 
-def as_fractions(counts: dict[str, int]) -> dict[str, float]:
-    """Turn counts of `count_errors` into n, agreement, false_visible, false_hidden as fractions of n (0 of none)."""
-    n = max(counts["n"], 1)
-    wrong = counts["false_visible"] + counts["false_hidden"]
+def as_fractions(counts: dict[str, int]) -> dict[str, Any]:
+    """Turn counts of `count_errors` into n, agreement, false_visible, false_hidden as fractions of n; None of none."""
+    n, wrong = counts["n"], counts["false_visible"] + counts["false_hidden"]
+    if not n:
+        return {"n": 0, "agreement": None, "false_visible": None, "false_hidden": None}
     return {
-        "n": counts["n"],
+        "n": n,
         "agreement": 1.0 - wrong / n,
         "false_visible": counts["false_visible"] / n,
         "false_hidden": counts["false_hidden"] / n,
@@ -179,10 +180,13 @@ class Standing:
 
 
 def standings(rows: Iterable[Row]) -> list[Standing]:
-    """Return the standing of every subject that was measured and compared, the least wrong first, then the fastest."""
+    """Return the standing of every subject that was measured and compared, the least wrong first, then the fastest.
+
+    Meshes of which no pair lies outside the boundary band tell nothing, and are left out.
+    """
     groups: dict[str, list[Row]] = {}
     for row in rows:
-        if row["status"] == "ok" and "judged" in row:
+        if row["status"] == "ok" and "judged" in row and row["judged"]["outside"]["n"]:
             groups.setdefault(row["subject"], []).append(row)
     return sorted((_standing(group) for group in groups.values()), key=lambda s: (s.wrong, s.seconds))
 
@@ -267,6 +271,12 @@ def times(slow: float, fast: float) -> str:
 def share(fraction: float) -> str:
     """Write a fraction as a percentage of two digits, e.g. ``0.13 %``; never 0 when it is not."""
     return f"{_digits(100.0 * fraction, 2)} %"
+
+
+def wrong_outside(row: Row) -> str:
+    """Write the share of a row's pairs outside the boundary band that are wrong; a dash where there is none."""
+    agreement = row["judged"]["outside"]["agreement"]
+    return "–" if agreement is None else share(1.0 - agreement)
 
 
 def milliseconds(seconds: float) -> str:

@@ -449,7 +449,8 @@ def _compared(
 ) -> dict[str, Any]:
     """Compare a measurement's mask with the reference; keep its worst view for the report."""
     compared = compare_masks(measured, reference.answer(question), question)
-    errors = [view["outside"]["false_visible"] + view["outside"]["false_hidden"] for view in compared["views"]]
+    outside = [view["outside"] for view in compared["views"]]
+    errors = [each["false_visible"] + each["false_hidden"] if each["n"] else 0.0 for each in outside]
     worst = int(np.argmax(errors))
     view_id = int(measured.view_ids[worst])
     truth = reference.truth_of_view(question, view_id)

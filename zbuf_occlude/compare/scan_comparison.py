@@ -2,7 +2,7 @@
 
 For each scan four answers: how many real points the mesh hides (visibility), which vertices were scanned and which the
 sensor should have returned (coverage), how far real points are from the mesh along their rays (noise), and how many
-points there are by range and incidence (density).
+points there are by range and incidence (density). A figure without data is NaN: null in JSON, a dash in the report.
 """
 
 import json
@@ -12,25 +12,30 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.compare.bop_folder import camera_of, model_number
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
+from zbuf_occlude.documents import flag
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.bop import MILLIMETRES
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.scanning import default_caster, scan
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 
+DEPTH_UNIT = 0.001
+"""Metres of one step of a depth image, of which nothing is said."""
 INCIDENCES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Degrees between which incidences are counted together."""
 N_RANGES = 5
@@ -39,13 +44,15 @@ MADS = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
 BOTH, NOT_SCANNED, NOT_SEEN, NEITHER = 0, 1, 2, 3
 CASES = ("predicted and scanned", "predicted only", "scanned only", "neither")
+NONE = "–"
+"""Where a figure has no data."""
 COLORS = ("#d0d0d0", "#d55e00", "#0072b2", "")
 """Of the cases that are drawn; told apart by the colour-blind."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanComparison:
-    """One real scan against what a sensor predicts of it; lengths in the mesh's unit.
+    """One real scan against what a sensor predicts of it; lengths in the mesh's unit, NaN where nothing was counted.
 
     Parameters
     ----------
@@ -56,8 +63,6 @@ class ScanComparison:
         Share of the real points before which, by more than `slack`, the mesh lies.
     cases : (v,) uint8
         Of each vertex that a face uses: 0 predicted and scanned, 1 predicted only, 2 scanned only, 3 neither.
-    agreement : float
-        Share of those vertices of case 0 or 3.
     tolerance : float
         A vertex is scanned where a real point is this near.
     slack : float
@@ -79,7 +84,6 @@ class ScanComparison:
     n_simulated: int
     false_hidden: float
     cases: NDArray[np.uint8]
-    agreement: float
     tolerance: float
     slack: float
     residual: float
@@ -92,13 +96,18 @@ class ScanComparison:
 
     def __repr__(self) -> str:
         return (
-            f"ScanComparison({self.name!r}: {self.agreement:.1%} of vertices agree, "
-            f"{self.false_hidden:.2%} of {self.n_real} real points hidden)"
+            f"ScanComparison({self.name!r}: {figure(self.agreement, '.1%')} of vertices agree, "
+            f"{figure(self.false_hidden, '.2%')} of {self.n_real} real points hidden)"
         )
 
+    @property
+    def agreement(self) -> float:
+        """The share of the vertices predicted or scanned that are both."""
+        return self.share(BOTH)
+
     def share(self, case: int) -> float:
-        """Return the share of the vertices that are of a case."""
-        return float((self.cases == case).mean())
+        """Return how many vertices are of a case, over those predicted or scanned."""
+        return _ratio((self.cases == case).sum(), (self.cases != NEITHER).sum())
 
     @property
     def document(self) -> dict[str, Any]:
@@ -107,12 +116,16 @@ class ScanComparison:
             "name": self.name,
             "points": {"real": self.n_real, "simulated": self.n_simulated},
             "false_hidden": self.false_hidden,
-            "vertices": {name: self.share(case) for case, name in enumerate(CASES)},
-            "agreement": self.agreement,
+            "vertices": {name: int((self.cases == case).sum()) for case, name in enumerate(CASES)},
+            "agreement": _or_none(self.agreement),
             "tolerance": self.tolerance,
             "slack": self.slack,
-            "residual": {"median": self.residual, "sigma": self.sigma, "sensor": self.sensor_sigma},
-            "by_incidence": list(self.by_incidence),
+            "residual": {
+                "median": _or_none(self.residual),
+                "sigma": _or_none(self.sigma),
+                "sensor": _or_none(self.sensor_sigma),
+            },
+            "by_incidence": [{**span, "sigma": _or_none(span["sigma"])} for span in self.by_incidence],
             "by_range": list(self.by_range),
             "pose": self.pose.tolist(),
         }
@@ -127,7 +140,7 @@ def compare_scans(
     sensor_pose: ArrayLike | None = None,
     tolerance: float | None = None,
     slack: float | None = None,
-    depth_unit: float = 0.001,
+    depth_unit: float | None = None,
     refine: bool = False,
     method: str | None = None,
     seed: int = 0,
@@ -137,11 +150,13 @@ def compare_scans(
     Parameters
     ----------
     mesh : mesh, or its path
-        The scanned object, in the unit of the scans. A file's own axes are kept, whatever is up in it.
+        The scanned object, in the unit of the scans. A file's own axes are kept, whatever is up in it. A model of BOP
+        (``obj_000001.ply`` beside ``models_info.json``) is turned from millimetres into metres.
     scans : sequence of paths, or of (n, 3) float; or a path
         See `scan_files.read_scan_file`.
     sensor : Sensor, name or file
-        As `zbuf_occlude.sensors.make` takes it.
+        As `zbuf_occlude.sensors.make` takes it. Depth images of BOP (``depth/000000.png`` below ``scene_camera.json``)
+        have their camera's K and size instead of the sensor's.
     poses : path, or sequence of (4, 4) float, optional
         Of each scan, its frame to the mesh's; see `scan_files.read_poses`. By default they share one.
     sensor_pose : (4, 4) float, optional
@@ -150,8 +165,8 @@ def compare_scans(
         A vertex is scanned where a real point is this near; twice the median spacing of the scan's points by default.
     slack : float, optional
         A real point is hidden where the mesh is this far before it; four times that spacing by default.
-    depth_unit : float
-        Of depth images: metres of one step.
+    depth_unit : float, optional
+        Of depth images: metres of one step; by default a millimetre, or of BOP what scene_camera.json says.
     refine : bool
         Fit each pose to the mesh first (Open3D's ICP, point to plane, within `slack`).
     method : str, optional
@@ -182,8 +197,12 @@ def compare_scans(
     >>> found.false_hidden
     0.0
     """
+    model = None
     if isinstance(mesh, str | os.PathLike):
+        model = model_number(Path(mesh))
         mesh = load_mesh(mesh, up="z")  # its own axes, which the poses lead to
+        if model is not None:
+            mesh = mesh.transformed(1.0 / MILLIMETRES)
     mesh, sensor = as_mesh(mesh), sensor if isinstance(sensor, Sensor) else make(sensor)
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
         if value is not None and not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
@@ -191,21 +210,26 @@ def compare_scans(
     scans = [scans] if isinstance(scans, str | Path) else scans
     if not len(scans):
         raise ArgumentError("scans must be one or more; there is none.")
-    names = [each.name if isinstance(each, Path) else each if isinstance(each, str) else "" for each in scans]
-    names = [Path(name).name or f"scan {number}" for number, name in enumerate(names)]
-    clouds = [
-        read_scan_file(Path(each), sensor, depth_unit) if isinstance(each, str | Path) else as_vectors(each, "a scan")
-        for each in scans
-    ]
+    paths = [Path(each) if isinstance(each, str | Path) else None for each in scans]
+    names = [f"scan {number}" if path is None else path.name for number, path in enumerate(paths)]
+    clouds, sensors = list[FloatArray](), list[Sensor]()
+    for path, each in zip(paths, scans, strict=True):
+        camera = camera_of(path) if path is not None and path.suffix.lower() == ".png" else None
+        sensors.append(sensor if camera is None else camera.sensor(sensor))
+        if path is None:
+            clouds.append(as_vectors(cast(Any, each), "a scan"))
+        else:
+            unit = depth_unit or (camera.depth_unit if camera else DEPTH_UNIT)
+            clouds.append(as_vectors(read_scan_file(path, sensors[-1], unit), f"the points of {printable(path.name)}"))
     if isinstance(poses, str | Path):
-        poses = read_poses(Path(poses), [Path(name) for name in names])
+        poses = read_poses(Path(poses), [path or Path(name) for path, name in zip(paths, names, strict=True)], model)
     matrices = [np.eye(4)] * len(clouds) if poses is None else [rigid(pose, "a pose") for pose in poses]
     if len(matrices) != len(clouds):
         raise ArgumentError(f"poses must be one per scan ({len(clouds)}); got {len(matrices)}.")
     mounted = np.eye(4) if sensor_pose is None else rigid(sensor_pose, "sensor_pose")
     with prepare(mesh, method or default_caster()) as occluder:
-        question = _Question(mesh, occluder, sensor, mounted, tolerance, slack, refine, seed)
-        return [question.ask(*each) for each in zip(names, clouds, matrices, strict=True)]
+        question = _Question(mesh, occluder, mounted, tolerance, slack, flag("refine", refine), seed)
+        return [question.ask(*each) for each in zip(names, clouds, matrices, sensors, strict=True)]
 
 
 @dataclass(eq=False)
@@ -214,7 +238,6 @@ class _Question:
 
     mesh: Mesh
     occluder: Occluder
-    sensor: Sensor
     mounted: FloatArray
     tolerance: float | None
     slack: float | None
@@ -230,7 +253,7 @@ class _Question:
         normals = normals[used] * (self.outward or 1.0)
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
-    def ask(self, name: str, cloud: FloatArray, pose: FloatArray) -> ScanComparison:
+    def ask(self, name: str, cloud: FloatArray, pose: FloatArray, sensor: Sensor) -> ScanComparison:
         """Compare one scan."""
         cloud = cloud[(cloud != self.mounted[:3, 3]).any(axis=1)]  # what is in the sensor itself has no direction
         if not len(cloud):
@@ -242,37 +265,41 @@ class _Question:
             )
         tolerance = self.tolerance or 2.0 * spacing
         slack = self.slack or 4.0 * spacing
+        if self.slack is None and slack > self.mesh.longest_side:
+            fault = f"the points are {spacing:.3g} apart, so that any mesh of this size were near"
+            raise ArgumentError(_apart(name, fault, cloud, self.mesh))
         if self.refine:
             pose = self._refined(cloud, pose, slack)
         points = cloud @ pose[:3, :3].T + pose[:3, 3]
         stands = pose @ self.mounted
-        starts, towards, ranges = self._rays(points, stands)
+        starts, towards, ranges = _rays(points, stands, sensor)
         hits = self.occluder.first_hits(starts, towards)
         residuals = ranges - hits.distances
         hidden = residuals > slack
         near = np.abs(residuals) <= slack
         cosines = self._cosines(hits.face_ids[near], towards[near])
         incidences = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
-        seen, vertex_incidences = self._predicted(stands)
+        seen, vertex_incidences = self._predicted(stands, sensor)
         scanned = _distances(self.vertices, points, 1)[:, 0] <= tolerance
+        if not (near.any() or scanned.any()):
+            raise ArgumentError(_apart(name, f"no point is within {slack:.3g}", points, self.mesh))
         cases = np.select([seen & scanned, seen, scanned], [BOTH, NOT_SCANNED, NOT_SEEN], NEITHER).astype(np.uint8)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # within the bounding box of a street, say
-            made = scan(Scene.of(self.mesh), self.sensor, stands, seed=self.seed, occluder=self.occluder)
+            made = scan(Scene.of(self.mesh), sensor, stands, seed=self.seed, occluder=self.occluder)
         middle, sigma = _spread(residuals[near])
-        sensor_sigma = self.sensor.imperfections.range_sigma(ranges[near], np.radians(incidences))
+        sensor_sigma = sensor.imperfections.range_sigma(ranges[near], np.radians(incidences))
         return ScanComparison(
             name=name,
             n_real=len(points),
             n_simulated=len(made),
             false_hidden=float(hidden.mean()),
             cases=cases,
-            agreement=float(np.isin(cases, [BOTH, NEITHER]).mean()),
             tolerance=tolerance,
             slack=slack,
             residual=middle,
             sigma=sigma,
-            sensor_sigma=float(np.median(sensor_sigma)) if near.any() else 0.0,
+            sensor_sigma=_median(sensor_sigma),
             by_incidence=tuple(
                 {
                     "from": low,
@@ -285,29 +312,22 @@ class _Question:
             ),
             by_range=tuple(_by_range(ranges, made.ranges)),
             pose=pose,
-            places=self._picture(stands),
+            places=self._picture(stands, sensor),
         )
-
-    def _rays(self, points: FloatArray, stands: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return where the rays to some points begin (n, 3), their unit directions, and how long they are."""
-        local = (points - stands[:3, 3]) @ stands[:3, :3]
-        starts = stands[:3, 3] + self.sensor.starts_towards(local) @ stands[:3, :3].T
-        ranges = np.linalg.norm(points - starts, axis=1)
-        return starts, (points - starts) / np.maximum(ranges, np.finfo(np.float64).tiny)[:, None], ranges
 
     def _cosines(self, face_ids: NDArray[np.int32], directions: FloatArray) -> FloatArray:
         normals = self.mesh.face_normals[face_ids]
         lengths = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)
         return np.asarray(np.abs(np.einsum("ij,ij->i", normals, directions)) / lengths)
 
-    def _predicted(self, stands: FloatArray) -> tuple[BoolArray, FloatArray]:
+    def _predicted(self, stands: FloatArray, sensor: Sensor) -> tuple[BoolArray, FloatArray]:
         """Which vertices the sensor should return, and their incidences, degrees."""
-        faults, rotation = self.sensor.imperfections, stands[:3, :3]
-        starts, towards, ranges = self._rays(self.vertices, stands)
+        faults, rotation = sensor.imperfections, stands[:3, :3]
+        starts, towards, ranges = _rays(self.vertices, stands, sensor)
         local = (self.vertices - stands[:3, 3]) @ rotation
         side = -np.einsum("ij,ij->i", self.normals, towards)
         cosines = side if self.outward else np.abs(side)
-        seen = self.sensor.covers(local) & (cosines > np.cos(np.radians(faults.incidence_max)))
+        seen = sensor.covers(local) & (cosines > np.cos(np.radians(faults.incidence_max)))
         measured = ranges * (towards @ rotation[:, 0]) if faults.axial else ranges
         seen &= (measured >= faults.range_min) & (measured <= faults.range_max)
         seen &= self._reached(starts, seen)
@@ -317,8 +337,8 @@ class _Question:
             away = eyes - self.vertices
             slope = np.einsum("ij,ij->i", self.normals, away) / np.linalg.norm(away, axis=1) * np.sign(side)
             lit = seen & (slope > np.cos(np.radians(faults.baseline_incidence_max)))
-            if self.sensor.kind == "pinhole":
-                lit &= self.sensor.covers(-away @ rotation)
+            if sensor.kind == "pinhole":
+                lit &= sensor.covers(-away @ rotation)
             second |= lit & self._reached(eyes, lit)
         if len(faults.second_eyes):
             seen = second
@@ -334,9 +354,9 @@ class _Question:
             found[some] = distances >= away - VERTEX_SLACK * self.mesh.diagonal
         return found
 
-    def _picture(self, stands: FloatArray) -> FloatArray:
+    def _picture(self, stands: FloatArray, sensor: Sensor) -> FloatArray:
         local = (self.vertices - stands[:3, 3]) @ stands[:3, :3]
-        if self.sensor.kind == "linear":
+        if sensor.kind == "linear":
             return np.stack([-local[:, 1], local[:, 2]], axis=1)
         flat = np.hypot(local[:, 0], local[:, 1])
         return np.degrees([-np.arctan2(local[:, 1], local[:, 0]), np.arctan2(local[:, 2], flat)]).T
@@ -373,6 +393,14 @@ WOUND = 0.9
 """Of a mesh that is wound one way: least share of its edges that two faces have in opposite directions."""
 
 
+def _rays(points: FloatArray, stands: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return where the rays to some points begin (n, 3), their unit directions, and how long they are."""
+    local = (points - stands[:3, 3]) @ stands[:3, :3]
+    starts = stands[:3, 3] + sensor.starts_towards(local) @ stands[:3, :3].T
+    ranges = np.linalg.norm(points - starts, axis=1)
+    return starts, (points - starts) / np.maximum(ranges, np.finfo(np.float64).tiny)[:, None], ranges
+
+
 def _distances(places: FloatArray, points: FloatArray, n: int) -> FloatArray:
     """Return the distances (m, n) from places (m, 3) to their n nearest points."""
     with importing("open3d", "comparing scans"):
@@ -404,12 +432,42 @@ def _by_range(real: FloatArray, made: FloatArray) -> list[dict[str, Any]]:
     return [{"from": float(low), "to": float(high), **_numbers(real, made, low, high)} for low, high in pairwise(edges)]
 
 
+def _apart(name: str, fault: str, points: FloatArray, mesh: Mesh) -> str:
+    """Say that a scan is not of a mesh, how large both are, and what may be why."""
+    size, scanned = mesh.longest_side, float(np.ptp(points, axis=0).max())
+    factor = 10.0 ** np.round(np.log10(size / scanned)) if size > 0.0 < scanned else 1.0
+    why = "Give its pose, and where the sensor is; or a larger slack."
+    if factor != 1.0:
+        times = f"{factor:,.0f} times as large" if factor > 1.0 else f"{1.0 / factor:,.0f} times smaller"
+        why = f"The mesh is about {times}: are the units mixed? Scale it by {1.0 / factor:g}, or give poses."
+    return (
+        f"a scan must be near the mesh; of {printable(name)} {fault}. The longest side of the scan is {scanned:.4g}, "
+        f"of the mesh {size:.4g}. {why}"
+    )
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else np.nan
+
+
 def _spread(values: FloatArray) -> tuple[float, float]:
     """Return the median, and the standard deviation of a normal distribution of the same spread."""
-    if not len(values):
-        return 0.0, 0.0
-    middle = float(np.median(values))
-    return middle, MADS * float(np.median(np.abs(values - middle)))
+    middle = _median(values)
+    return middle, MADS * _median(np.abs(values - middle))
+
+
+def _ratio(part: Any, whole: Any) -> float:
+    return float(part / whole) if whole else np.nan
+
+
+def _or_none(value: float) -> float | None:
+    """Return a figure as JSON has it, which knows no NaN."""
+    return None if np.isnan(value) else value
+
+
+def figure(value: float, form: str) -> str:
+    """Write a figure; a dash where there is none."""
+    return NONE if np.isnan(value) else f"{value:{form}}"
 
 
 def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sensor) -> list[Path]:
@@ -418,12 +476,14 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     data = folder / "scans.json"
     document = {"sensor": sensor.document, "scans": [each.document for each in found]}
     data.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    mean, hidden = (float(np.mean([getattr(each, name) for each in found])) for name in ("agreement", "false_hidden"))
+    agreements = np.array([each.agreement for each in found])
+    known = agreements[~np.isnan(agreements)]
+    mean, hidden = (float(np.mean(each)) if len(each) else np.nan for each in (known, [e.false_hidden for e in found]))
     pictures = [Picture(f"scan_{i}", as_png(draw_cases(each)), verbatim(each.name)) for i, each in enumerate(found)]
     sections: list[Section] = [_table_of_scans(found), *pictures, _table_by_incidence(found), _table_by_range(found)]
     answers = [
-        f"**{verbatim(sensor.name)}** predicts which vertices were scanned for {mean:.1%} of them, "
-        f"in the mean of {len(found)} scans.",
+        f"Of the vertices that **{verbatim(sensor.name)}** predicts or that were scanned {figure(mean, '.1%')} are "
+        f"both, in the mean of {len(known)} scans.",
         f"The mesh hides {hidden:.2%} of the real points.",
     ]
     facts = [
@@ -439,18 +499,19 @@ def _table_of_scans(found: Sequence[ScanComparison]) -> Table:
         "scan": lambda each: verbatim(each.name),
         "points": lambda each: f"{each.n_real:,}",
         "simulated": lambda each: f"{each.n_simulated:,}",
-        "agreement": lambda each: f"{each.agreement:.1%}",
-        "predicted only": lambda each: f"{each.share(NOT_SCANNED):.1%}",
-        "scanned only": lambda each: f"{each.share(NOT_SEEN):.1%}",
-        "hidden": lambda each: f"{each.false_hidden:.2%}",
-        "residual": lambda each: f"{each.residual:.2g}",
-        "spread": lambda each: f"{each.sigma:.2g}",
+        "agreement": lambda each: figure(each.agreement, ".1%"),
+        "predicted only": lambda each: figure(each.share(NOT_SCANNED), ".1%"),
+        "scanned only": lambda each: figure(each.share(NOT_SEEN), ".1%"),
+        "hidden": lambda each: figure(each.false_hidden, ".2%"),
+        "residual": lambda each: figure(each.residual, ".2g"),
+        "spread": lambda each: figure(each.sigma, ".2g"),
     }
     one = found[0]
     note = (
         f"Tolerance {one.tolerance:.3g} and slack {one.slack:.3g} in the first scan. Agreement, predicted only and "
-        "scanned only: of the vertices. Hidden: of the real points. Residual: median of real minus mesh along the ray; "
-        f"its spread is a standard deviation, where the sensor's model has {one.sensor_sigma:.2g}."
+        "scanned only: of the vertices predicted or scanned. Hidden: of the real points. Residual: median of real "
+        "minus mesh along the ray; its spread is a standard deviation, where the sensor's model has "
+        f"{figure(one.sensor_sigma, '.2g')}."
     )
     return Table("Scans", list(columns), [[cell(each) for cell in columns.values()] for each in found], note)
 
@@ -460,9 +521,9 @@ def _table_by_incidence(found: Sequence[ScanComparison]) -> Table:
     for number, first in enumerate(found[0].by_incidence):
         spans = [each.by_incidence[number] for each in found]
         counts = [sum(span[name] for span in spans) for name in CASES[:NEITHER]]
-        shares = (f"{count / max(sum(counts), 1):.1%}" for count in counts)
-        sigma = float(np.median([span["sigma"] for span in spans]))
-        rows.append((f"{first['from']:g} to {first['to']:g}", *shares, f"{sigma:.2g}", *_densities(spans)))
+        shares = (figure(_ratio(count, sum(counts)), ".1%") for count in counts)
+        sigma = _median(np.array([span["sigma"] for span in spans if not np.isnan(span["sigma"])]))
+        rows.append((f"{first['from']:g} to {first['to']:g}", *shares, figure(sigma, ".2g"), *_densities(spans)))
     header = ("degrees", *CASES[:NEITHER], "spread", *DENSITIES)
     return Table("By incidence", header, rows, "Vertices that were predicted or scanned; points within the slack.")
 
@@ -482,20 +543,20 @@ DENSITIES = ("points", "simulated", "real / simulated")
 
 def _densities(spans: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
     real, made = (sum(span[name] for span in spans) for name in ("real", "simulated"))
-    return f"{real:,}", f"{made:,}", f"{real / made:.2f}" if made else "-"
+    return f"{real:,}", f"{made:,}", figure(_ratio(real, made), ".2f")
 
 
 def draw_cases(found: ScanComparison) -> Any:
     """Return a figure of the mesh as the sensor sees it, its vertices coloured by case."""
     with importing("matplotlib", "pictures"):
         from zbuf_occlude.drawing.pictures import canvas
-    figure, (axes,) = canvas(8, 6.5)
+    picture, (axes,) = canvas(8, 6.5)
     size = float(np.clip(60_000 / max((found.cases != NEITHER).sum(), 1), 1.0, 14.0))
     for case in (BOTH, NOT_SCANNED, NOT_SEEN):
-        label = f"{CASES[case]}: {found.share(case):.1%}"
+        label = f"{CASES[case]}: {figure(found.share(case), '.1%')}"
         across, up = found.places[found.cases == case].T
         axes.scatter(across, up, s=size, c=COLORS[case], label=label, lw=0)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_axis_off()
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, markerscale=3, frameon=False, fontsize=9)
-    return figure
+    return picture

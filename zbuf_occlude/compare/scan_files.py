@@ -8,20 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_numbers
-from zbuf_occlude.errors import DatasetError, MeshError, OptionError, in_words, printable
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.compare.bop_folder import poses_of
+from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError, OptionError, in_words, printable
 from zbuf_occlude.extras import importing
-from zbuf_occlude.geometry.camera import rotations_of
+from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
 from zbuf_occlude.meshes.ply import read_ply_points
 from zbuf_occlude.sensors.sensor import Sensor
 
 SUFFIXES = (".ply", ".pcd", ".bin", ".npy", ".npz", ".png")
-CAMERA_TO_SENSOR = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""From a camera's frame (x right, y down, z forward) to a sensor's (x forward, y left, z up)."""
+NOT_RIGID = 1e-3
+"""A matrix whose entries are off by more is no rigid motion."""
 MOST_BYTES = 2_000_000_000
 
 
-def read_scan_file(path: Path, sensor: Sensor, depth_unit: float = 0.001) -> FloatArray:
+def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     """Read the points (n, 3) of a scan, in the frame and unit of its file; those that are not finite or 0 are left out.
 
     Parameters
@@ -102,16 +103,18 @@ def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:
     return np.asarray(along_axis * (depths.reshape(-1, 1) * unit))
 
 
-def read_poses(path: Path, scans: Sequence[Path]) -> list[FloatArray]:
+def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> list[FloatArray]:
     """Read the pose of each scan: a rigid motion (4, 4) from the scan's frame to the mesh's.
 
     Parameters
     ----------
     path : Path
         ``.conf`` of the Stanford scanning repository (``bmesh FILE tx ty tz qx qy qz qw``, found by the file's name);
-        ``.json`` of BOP (``scene_gt.json``: model to camera, images in the order of the scans, the first object of
-        each); else text of numbers: 4 x 4 of one scan, or a row of 12 or 16 for each.
+        ``.json`` of BOP (see `bop_folder.poses_of`); else text of numbers: 4 x 4 of one scan, or a row of 12 or 16 for
+        each.
     scans : sequence of Path
+    model : int, optional
+        BOP's ``obj_id`` of the mesh.
 
     Raises
     ------
@@ -124,28 +127,27 @@ def read_poses(path: Path, scans: Sequence[Path]) -> list[FloatArray]:
         if path.suffix.lower() == ".conf":
             poses = _of_stanford(text, scans)
         elif path.suffix.lower() == ".json":
-            poses = _of_bop(json.loads(text))
+            poses = poses_of(json.loads(text), scans, model)
         else:
             rows = [[float(word) for word in line.split()] for line in text.splitlines() if line.strip()]
             if len(rows) == 4 and len(rows[0]) == 4:
                 rows = [[number for row in rows for number in row]]
             poses = [_square(row) for row in rows]
-    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise DatasetError(f"{name}: cannot read poses: {printable(in_words(error))}") from None
     if len(poses) != len(scans):
         raise DatasetError(f"{name} must hold a pose for each of {len(scans)} scans; it has {len(poses)}.")
-    return [rigid(pose, f"a pose of {name}") for pose in poses]
+    try:
+        return [rigid(pose, f"a pose of {name}") for pose in poses]
+    except ArgumentError as error:
+        raise DatasetError(str(error)) from None
 
 
 def rigid(pose: ArrayLike, name: str) -> FloatArray:
-    """Return a pose (4, 4); raise ArgumentError or DatasetError where it is no rigid motion."""
-    matrix = as_numbers(pose, name, (4, 4), "")
-    rotation = matrix[:3, :3]
-    if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0.0):
-        raise DatasetError(f"{name} must be a rigid motion, without scale or reflection; it is not.")
-    u, _, vt = np.linalg.svd(rotation)  # files have few digits
-    matrix = np.array(matrix)
-    matrix[:3, :3] = u @ vt
+    """Return a pose (4, 4), its rotation made exact; raise ArgumentError where it is no rigid motion."""
+    matrix = np.array(as_rigid(pose, name, NOT_RIGID))
+    u, _, vt = np.linalg.svd(matrix[:3, :3])  # files have few digits
+    matrix[:3, :3], matrix[3] = u @ vt, (0.0, 0.0, 0.0, 1.0)
     return matrix
 
 
@@ -159,21 +161,13 @@ def _of_stanford(text: str, scans: Sequence[Path]) -> list[FloatArray]:
     found = {}
     for words in map(str.split, text.splitlines()):
         if words[:1] == ["bmesh"]:
-            x, y, z, i, j, k, real = map(float, words[2:9])
+            x, y, z, i, j, k, real = map(float, words[2:9])  # the last has the wrong sign in these files
             pose = np.eye(4)
-            quaternion = np.array([i, j, k, -real])  # the files have it negated
-            pose[:3, :3], pose[:3, 3] = rotations_of(quaternion / np.linalg.norm(quaternion)), (x, y, z)
+            pose[:3, :3], pose[:3, 3] = (
+                rotations_of(unit_quaternions([i, j, k, -real])),
+                (x, y, z),
+            )
             found[Path(words[1]).name] = pose
     if missing := [scan.name for scan in scans if scan.name not in found]:
         raise ValueError(f"no line `bmesh {missing[0]}`")
     return [found[scan.name] for scan in scans]
-
-
-def _of_bop(document: Any) -> list[FloatArray]:
-    poses = list[FloatArray]()
-    for number in sorted(document, key=int):
-        row, pose = document[number][0], np.eye(4)
-        pose[:3, :3] = CAMERA_TO_SENSOR @ np.array(row["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
-        pose[:3, 3] = CAMERA_TO_SENSOR @ np.array(row["cam_t_m2c"], dtype=np.float64).reshape(3)
-        poses.append(np.asarray(np.linalg.inv(pose), dtype=np.float64))
-    return poses

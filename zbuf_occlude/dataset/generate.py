@@ -344,6 +344,8 @@ def _nothing_made(plan: Plan, whole: Outcome) -> str:
     else:
         sensor = setup.made_sensor
         reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
+        if sensor.imperfections.incidence_max < 90.0:
+            reach += f", up to {sensor.imperfections.incidence_max:g} degrees of incidence"
         why = f"its views see nothing; {sensor.name} measures at {reach}. Choose --views, --range and --size by that."
     return f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: {why}"
 

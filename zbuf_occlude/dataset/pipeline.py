@@ -215,7 +215,7 @@ def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key
     views = plan.views_of(key)
     if views.rotations is not None:  # cameras of a file, which stand where the mesh is
         eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
-        views = Views.of_cameras(eyes, views.rotations, views.windows)
+        views = Views.of_cameras(eyes, views.rotations, views.windows, sizes=views.sizes)
     return sensor_places(views, size, floor, setup, seeds)
 
 

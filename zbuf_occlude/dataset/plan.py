@@ -310,7 +310,9 @@ class Plan:
         setup = self.recipe.setup
         if setup is None or not self._is_of_whole_scans:
             return CLOUDS_PER_FILE
-        return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // len(setup.made_sensor.rays())))
+        sizes = self.views.sizes
+        n_rays = len(setup.made_sensor.rays()) if sizes is None else int(sizes.prod(axis=1).max())
+        return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // n_rays))
 
     @cached_property
     def clouds_per_group(self) -> int:

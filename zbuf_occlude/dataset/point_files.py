@@ -57,11 +57,15 @@ def write_table(path: Path, table: NDArray[Any], *, comment: str = "", synced: b
 
 
 def write_csv(path: Path, table: NDArray[Any]) -> None:
-    """Write a structured array as lines of numbers between commas, below a line of its columns' names."""
+    """Write a structured array as lines of numbers between commas, below a line of its columns' names.
+
+    Each number has the digits that tell it from its neighbours: 17 of float64, 9 of float32.
+    """
     names = table.dtype.names or ()
+    digits = ["%.17g" if table.dtype[name] == np.float64 else "%.9g" for name in names]
     rows = np.stack([table[name].astype(np.float64) for name in names], axis=1)
     header = ",".join(names)
-    atomic.write(path, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g"))
+    atomic.write(path, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt=digits))
 
 
 def write_pcd(path: Path, record: Any) -> None:

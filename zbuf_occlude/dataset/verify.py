@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zbuf_occlude.dataset.counts import interval
 from zbuf_occlude.dataset.folder import read_finished, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.pipeline import samplings
@@ -238,6 +239,9 @@ def _ask_oracle(
     verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
     promised = manifest["error"]["false_visible"]
     if n_checked and promised is not None:
+        # of few pairs the fraction is itself known roughly: as much as it may be
+        n_pairs = manifest["error"]["n_checked"]
+        promised = interval(round(promised * n_pairs), n_pairs)[1]
         # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
         promised = min(1.0, promised / float(records["visible_fraction"].mean()))
         allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING

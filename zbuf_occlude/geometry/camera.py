@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 
 WIDEST = 1.5
@@ -32,6 +32,32 @@ _CUBE_AXES = np.array(
     ],
     dtype=np.float64,
 )
+
+
+def as_rigid(pose: ArrayLike, name: str, within: float = 1e-5) -> FloatArray:
+    """Return a pose (4, 4) as float64.
+
+    Raises ArgumentError where it is no rigid motion, entries off by `within` at most, with the last row 0 0 0 1.
+    """
+    matrix = as_numbers(pose, name, (4, 4))
+    if not (np.abs(matrix) <= LARGEST).all():
+        raise ArgumentError(f"{name} must be finite, and at most {LARGEST:g} in size; it is not. Repair it.")
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > within or np.linalg.det(rotation) < 0.0:
+        raise ArgumentError(f"{name} must be a rigid motion, without scale or reflection; it is not. Scale the mesh.")
+    if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > within:
+        raise ArgumentError(f"{name} must have the last row 0 0 0 1; it has {' '.join(f'{x:g}' for x in matrix[3])}.")
+    return matrix
+
+
+def unit_quaternions(quaternions: ArrayLike) -> FloatArray:
+    """Return quaternions (..., 4) of length 1; raise ArgumentError where one is 0 or not finite."""
+    given = np.asarray(quaternions, dtype=np.float64)
+    largest = np.abs(given).max(axis=-1, keepdims=True)
+    if not (np.isfinite(largest) & (largest > 0.0)).all():
+        raise ArgumentError("a quaternion must be finite and not zero; one is not. Repair it.")
+    given = given / largest  # the square of a large one overflows, that of a small one is 0
+    return np.asarray(given / np.linalg.norm(given, axis=-1, keepdims=True))
 
 
 def rotations_of(quaternions: ArrayLike) -> FloatArray:

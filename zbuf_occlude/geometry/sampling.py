@@ -204,6 +204,17 @@ def sample_surface(
     return SurfacePoints.of_checked(positions, face_ids, normals, colors)
 
 
+def error_of_share(n_found: ArrayLike, n_points: ArrayLike) -> FloatArray:
+    """Return the standard error of shares ``n_found / n_points`` of random points.
+
+    The standard deviation of the share after what was found, from a uniform prior: so it is above 0 where none or all
+    were found, and that of the prior, 0.29, where no point was asked.
+    """
+    found, points = np.asarray(n_found, dtype=np.float64), np.asarray(n_points, dtype=np.float64)
+    expected = (found + 1.0) / (points + 2.0)
+    return np.asarray(np.sqrt(expected * (1.0 - expected) / (points + 3.0)))
+
+
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
     """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
     if not (isinstance(density, (int, float, np.integer, np.floating)) and 0 < density < math.inf):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from zbuf_occlude import shapes
 from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
-from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, share
+from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, wrong_outside
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_finished, sorted_out
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
@@ -136,12 +136,12 @@ def table_1a(rows: Sequence[Row]) -> Table:
                     _size(slow),
                     *(f"{milliseconds(row['timed']['seconds_per_view'])} ms" for row in (slow, fast)),
                     *(_reduction(slow["timed"][column], fast["timed"][column]) for column in columns),
-                    f"{_wrong(slow)} · {_wrong(fast)}",
+                    f"{wrong_outside(slow)} · {wrong_outside(fast)}",
                 ]
             )
         for subject, row in here.items():
             time, less = _time_and_reduction(row, slow)
-            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", _wrong(row)])
+            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", wrong_outside(row)])
     return Table(
         "Table 1A of the paper: HSR by vertices, and with far faces excluded (second suggestion)",
         ["object", "", "faces · points", "original", "modified", "reduction", "of CPU time", "of tests", "wrong"],
@@ -175,12 +175,12 @@ def table_1b(rows: Sequence[Row]) -> Table:
                     f"here: {slow['facts']['stand_in']}",
                     *(f"{milliseconds(time)} ms" for time in times),
                     *(_reduction(times[0], time) for time in times[1:]),
-                    " · ".join(map(_wrong, grids)),
+                    " · ".join(map(wrong_outside, grids)),
                 ]
             )
         for subject, row in here.items():
             time, less = _time_and_reduction(row, slow)
-            body.append(["", f"`{subject}`", time, "", "", less, "", _wrong(row)])
+            body.append(["", f"`{subject}`", time, "", "", less, "", wrong_outside(row)])
     return Table(
         "Table 1B of the paper: exact HSR, and occupancy grids",
         ["object, points", "", "exact HSR", "32³", "64³", "reduction 32³", "64³", "wrong (grids: 32³ · 64³)"],
@@ -210,10 +210,6 @@ def _size(row: Row) -> str:
 
 def _reduction(slow: float, fast: float) -> str:
     return f"{100 * (1 - fast / slow):.1f} %"
-
-
-def _wrong(row: Row) -> str:
-    return share(1.0 - row["judged"]["outside"]["agreement"])
 
 
 # ---- Table 2: datasets -----------------------------------------------------------------------------------------------

@@ -37,8 +37,8 @@ def write_bop(
     scenes: Scene | Sequence[Scene],
     views: Views | Sequence[Views],
     *,
-    width: int = 640,
-    height: int = 480,
+    width: int | None = None,
+    height: int | None = None,
     fov: float | None = None,
     background: str | Collection[str] = BACKGROUND,
     split: str = "train",
@@ -63,7 +63,7 @@ def write_bop(
     Parameters
     ----------
     folder : path-like
-        Made when missing.
+        Made when missing. It must have no models, camera.json and split yet: models are counted anew.
     scenes : Scene or sequence of Scene
         Metres. ``obj_id`` counts the models from 1 through all scenes. Objects that are the same mesh, turned and
         moved (`Scene.joined`), share one.
@@ -89,7 +89,7 @@ def write_bop(
     Raises
     ------
     ArgumentError
-        A scene without an object beside the background, or a value out of range.
+        A scene without an object beside the background, a value out of range, or a folder with older output.
     OptionError, UnavailableError, GlError
         As `frames`; SciPy, trimesh or Pillow is not installed.
 
@@ -114,7 +114,12 @@ def write_bop(
         if strange := [each for each in values if not isinstance(each, kind)]:
             made = "Scene.of(mesh)" if kind is Scene else "views.for_mesh(scene.mesh, 'ring:8@30')"
             raise ArgumentError(f"{name} must be {kind.__name__}; got {type(strange[0]).__name__}. Make one: {made}.")
-    if not split or Path(split).name != split or split in ("..", "models"):
+    if (
+        not (isinstance(split, str) and split)
+        or Path(split).name != split
+        or "\0" in split
+        or split in ("..", "models")
+    ):
         raise ArgumentError(f"split must be the name of a folder other than models; got {split!r}.")
     if not scenes or len(placed) != len(scenes):
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
@@ -124,6 +129,10 @@ def write_bop(
         if not _foreground(scene, background):
             words = ", ".join(scene.labels)
             raise ArgumentError(f"scene {number} must have an object beside the background; it has {words}.")
+    if older := [name for name in ("models", "camera.json", split) if (Path(folder) / name).exists()]:
+        raise ArgumentError(
+            f"a folder of BOP must be new; {os.fspath(folder)} has {', '.join(older)}. Remove them, or give another."
+        )
     writer = BopWriter(folder, background=background, method=method, **options)
     for number, (scene, eyes) in enumerate(zip(scenes, placed, strict=True)):
         found = frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options)

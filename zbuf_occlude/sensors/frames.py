@@ -3,6 +3,8 @@
 import io
 import json
 import os
+import re
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -13,23 +15,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.documents import flag
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
-from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
+from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
-MOST_PIXELS = 1 << 26
+WIDTH, HEIGHT = 640, 480
 MARGIN = 1.05
 """Without a field of view, a picture is this many times as wide as the ball around the mesh's box."""
+NEAR = 0.9
+"""The ball around the mesh's box is seen where it reaches up to this share of the way to a camera; nearer, the mesh."""
+WIDEST = 10.0
+"""Tangent of half the widest field of view that is chosen: 169 degrees."""
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 """From eye space (x right, y up, looking along -z) to OpenCV's (x right, y down, looking along z)."""
 DEPTH_LEVELS = 2**16 - 1
 TRANSFORMS, CAMERAS = "transforms.json", "cameras.json"
+_WRITTEN = re.compile(r"\d{3,}((_depth|_mask|_normal|_instance)?\.png|\.npy)|transforms\.json|cameras\.json")
+"""Names of the files of frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +149,8 @@ def frames(
     mesh: Scene | MeshLike,
     views: Views,
     *,
-    width: int = 640,
-    height: int = 480,
+    width: int | None = None,
+    height: int | None = None,
     fov: float | None = None,
     method: str = "exact",
     occluder: Occluder | None = None,
@@ -154,12 +164,12 @@ def frames(
     mesh : Scene or Mesh
         Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     views : Views
-        World units. Cameras of a file (`Views.windows`) have pictures of their own, of which `width` and `height` are
-        the pixels; others have square pixels.
-    width, height : int
-        Pixels.
+        World units. Cameras of a file (`Views.windows`) have pictures of their own; others have square pixels.
+    width, height : int, optional
+        Pixels. By default those of the cameras' file (`Views.sizes`), or else 640 x 480.
     fov : float, optional
-        Horizontal field of view, degrees. By default one for all views, in which all of them see the whole mesh.
+        Horizontal field of view, degrees. By default one for all views, in which all of them see the whole mesh; at
+        most 169 for the shorter side.
     method : str
         Who casts the rays: a name of the table `METHODS` that can. ``exact``: on the processor, without error;
         ``depth_buffer``: on the GPU.
@@ -178,9 +188,14 @@ def frames(
     Raises
     ------
     ArgumentError
-        A size or field of view out of range.
+        A size or field of view out of range; views that are none; an occluder of another mesh.
     OptionError, UnavailableError, GlError
-        As `prepare`; a method that casts no rays.
+        As `prepare`; a method that casts no rays; `colors` is no bool.
+
+    Warns
+    -----
+    UserWarning
+        Without a field of view: a camera is within the mesh, or so near that no picture shows all of it.
 
     Examples
     --------
@@ -189,18 +204,21 @@ def frames(
     >>> found[0].depth.dtype, len(found)
     (dtype('float32'), 8)
     """
-    for name, value in (("width", width), ("height", height)):
-        check_int(name, value, 1)
-    if width * height > MOST_PIXELS:
-        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
-    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
+    if not isinstance(views, Views):
+        raise ArgumentError(
+            f"views must be Views; got {type(views).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
+        )
+    sizes = _sizes(views, width, height)
+    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=flag("colors", colors)))
     find_method(method).check_first_hits()
-    intrinsics = _intrinsics(scene, views, width, height, fov)
+    if occluder is not None:
+        occluder.check_is_of(scene.mesh)
+    intrinsics = _intrinsics(scene, views, sizes, fov)
 
     def drawn() -> Iterator[Frame]:  # what is wrong above is said at once, not when the first frame is asked for
         with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
-            for matrix, pose in zip(intrinsics, views.poses, strict=True):
-                yield frame_at(scene, opened, matrix, pose, (height, width))
+            for matrix, pose, (across, along) in zip(intrinsics, views.poses, sizes.tolist(), strict=True):
+                yield frame_at(scene, opened, matrix, pose, (along, across))
 
     return drawn()
 
@@ -300,17 +318,31 @@ def box_corners(bounds: FloatArray) -> FloatArray:
     return np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
 
 
-def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float | None) -> FloatArray:
+def _sizes(views: Views, width: int | None, height: int | None) -> IntArray:
+    """Return width and height of each view's picture, (k, 2): as given, of the file, or the usual."""
+    for name, value in (("width", width), ("height", height)):
+        if value is not None:
+            check_int(name, value, 1)
+    if views.sizes is not None and (width is None) != (height is None):
+        raise ArgumentError("width and height must be given both, or neither, of cameras that have some.")
+    if views.sizes is not None and width is None:
+        return views.sizes
+    width, height = width or WIDTH, height or HEIGHT
+    if width * height > MOST_PIXELS:
+        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
+    return np.tile(np.array([width, height], np.int32), (len(views), 1))
+
+
+def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) -> FloatArray:
     if views.windows is not None:
         if fov is not None:
             raise ArgumentError("fov must be left out of cameras that have a field of view. Leave it out.")
-        return views.intrinsics(width, height)
+        return views.intrinsics(*sizes.T)
+    if not len(views):
+        return np.empty((0, 3, 3))
+    width, height = sizes[0].tolist()
     if fov is None:
-        mesh = scene.mesh
-        away = np.linalg.norm(views.eyes - mesh.centre, axis=1).min()
-        off = np.linalg.norm(np.asarray(views.target) - mesh.centre)
-        tangent = np.tan(np.arcsin(min(MARGIN * (mesh.diagonal / 2 + off) / away, 0.9)) if away > 0 else np.pi / 4)
-        tangent *= width / min(width, height)
+        tangent = _tangent_around(scene.mesh, views) * width / min(width, height)
     elif isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0:
         tangent = np.tan(np.radians(fov) / 2.0)
     else:
@@ -320,18 +352,38 @@ def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float 
     return replace(views, windows=windows).intrinsics(width, height)
 
 
+def _tangent_around(mesh: Mesh, views: Views) -> float:
+    """Return the tangent of half the angle of square pictures in which all views see a mesh; warn where none do."""
+    away = np.linalg.norm(views.eyes - mesh.centre, axis=1).min()
+    off = np.linalg.norm(np.asarray(views.target) - mesh.centre)
+    if away > 0.0 and MARGIN * (mesh.diagonal / 2 + off) <= NEAR * away:
+        return float(np.tan(np.arcsin(MARGIN * (mesh.diagonal / 2 + off) / away)))  # of the ball around its box
+    widest, places = 0.0, mesh.vertices[np.unique(mesh.faces)]
+    for pose in views.poses:
+        x, y, z = (places @ pose[:3, :3].T + pose[:3, 3]).T
+        beside, ahead = np.maximum(np.abs(x), np.abs(y)), -z
+        widest = max(widest, float((beside / ahead).max()) if (ahead > 0.0).all() else np.inf)
+    if not widest <= WIDEST / MARGIN:
+        warnings.warn(
+            "no picture shows the whole mesh: a camera is within it, or nearly. Move the cameras, or give fov.",
+            stacklevel=4,
+        )
+        return WIDEST
+    return MARGIN * widest
+
+
 def depth_unit(farthest: float) -> float:
     """Return a power of ten of which 65,535 steps reach as far as a depth, world units; 0.001 up to 65.5."""
     return float(10.0 ** np.ceil(np.log10(farthest / DEPTH_LEVELS))) if farthest > 0 else 1.0
 
 
 def depth_steps(depth: NDArray[np.float32], unit: float) -> NDArray[np.uint16]:
-    """Return depths (h, w) in steps of `unit`, rounded; 0 where they are infinite.
+    """Return depths (h, w) in steps of `unit`, rounded, at least 1; 0 where they are infinite.
 
     Raises ArgumentError where one is farther than 65,535 steps.
     """
     met, steps = np.isfinite(depth), np.zeros(depth.shape, np.uint16)
-    levels = np.round(depth[met].astype(np.float64) / unit)
+    levels = np.maximum(np.round(depth[met].astype(np.float64) / unit), 1.0)
     if levels.max(initial=0.0) > DEPTH_LEVELS:
         raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
     steps[met] = levels
@@ -356,7 +408,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     Parameters
     ----------
     folder : path-like
-        Made when missing.
+        Made when missing. It must hold no frames yet.
     found : iterable of Frame
     unit : float, optional
         World units in a step of the depth pictures. By default the finest power of ten that reaches the farthest depth.
@@ -369,7 +421,8 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     Raises
     ------
     ArgumentError
-        A depth is farther than 65,535 steps.
+        A depth is farther than 65,535 steps, `unit` is no length above 0 or reaches
+        beyond all that a frame shows, or the folder holds frames.
     UnavailableError
         Pillow is not installed.
 
@@ -379,12 +432,36 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     >>> zo.write_frames("chair", zo.frames("chair.off", views, width=64, height=64))[:3]
     ['000.png', '000_depth.png', '000_mask.png']
     """
-    folder, names = Path(folder), list[str]()
-    lenses, placed, cameras = (list[dict[str, Any]]() for _ in range(3))
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = Path(folder)
+    if unit is not None and not (isinstance(unit, int | float | np.number) and 0.0 < unit < np.inf):
+        raise ArgumentError(f"unit must be a length above 0; got {unit!r:.40}.")
+    if folder.is_dir() and (older := sorted(path.name for path in folder.iterdir() if _WRITTEN.fullmatch(path.name))):
+        raise ArgumentError(
+            f"a folder of frames must be new; {folder} has {older[0]} of {len(older)} files of older frames. Remove "
+            "them, or give another folder."
+        )
     if unit is None:
         found = list(found)
         unit = depth_unit(max((float(frame.depth[frame.mask].max(initial=0.0)) for frame in found), default=0.0))
+    else:
+        found = _finer_than(found, float(unit))
+    return frame_files(folder, found, float(unit))
+
+
+def _finer_than(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
+    """Yield frames; raise ArgumentError at one of which no depth is half a unit."""
+    for frame in found:
+        farthest = float(frame.depth[frame.mask].max(initial=0.0))
+        if 0.0 < farthest < unit / 2.0:
+            raise ArgumentError(f"unit must be less than the depths, here at most {farthest:g}; got {unit:g}.")
+        yield frame
+
+
+def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
+    """Write frames as `write_frames` does, over files of these names, depths in steps of `unit`."""
+    names = list[str]()
+    lenses, placed, cameras = (list[dict[str, Any]]() for _ in range(3))
+    folder.mkdir(parents=True, exist_ok=True)
     files = {"file_path": "", "depth_file_path": "_depth", "depth_path": "_depth", "mask_path": "_mask"}
     for number, frame in enumerate(found):
         stem, outside = f"{number:03d}", frame.extrinsics

@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed, shape_and_dtype
-from zbuf_occlude.documents import read_limited
+from zbuf_occlude.documents import flag, read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
-from zbuf_occlude.geometry.camera import rotations_of
+from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors.sensor import Rays
 
+LONGER = 1.5
+"""A trajectory that lasts so many times longer or shorter than a sweep was meant for something else."""
 STRAIGHT = 1e-9
 """Radians a second below which an arc is computed as a line."""
 
@@ -37,6 +39,8 @@ class Motion:
     ------
     ArgumentError
         Wrong shapes, numbers that are not finite, times that do not ascend, quaternions of length 0, or both given.
+    OptionError
+        `deskew` is no bool.
     """
 
     velocity: ArrayLike = (0.0, 0.0, 0.0)
@@ -48,6 +52,7 @@ class Motion:
         object.__setattr__(self, "velocity", sealed(as_vectors([np.asarray(self.velocity)], "velocity")[0]))
         if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
             raise ArgumentError(f"turn must be degrees a second; got {self.turn!r:.40}.")
+        object.__setattr__(self, "deskew", flag("deskew", self.deskew))
         if self.trajectory is None:
             return
         if np.any(self.velocity) or self.turn:
@@ -61,8 +66,19 @@ class Motion:
             raise ArgumentError(f"trajectory must be (m, 8) numbers: t x y z qx qy qz qw; got {found}.")
         if fault := _fault(rows):
             raise ArgumentError(f"trajectory {fault}.")
-        lengths = np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
-        object.__setattr__(self, "trajectory", sealed(np.concatenate([rows[:, :4], rows[:, 4:] / lengths], axis=1)))
+        unit = np.concatenate([rows[:, :4], unit_quaternions(rows[:, 4:])], axis=1)
+        object.__setattr__(self, "trajectory", sealed(unit))
+
+    def unlike(self, rays: Rays) -> str:
+        """Say how much longer or shorter a trajectory is than the sweep of these rays; empty where it is as long."""
+        if self.trajectory is None or rays.times is None:
+            return ""
+        times, sweep = np.asarray(self.trajectory)[:, 0], float(rays.times.max(initial=0.0))
+        lasts = float(times[-1] - times[0])
+        said = f"the trajectory lasts {lasts:.3g} s, a sweep {sweep:.2g} s"
+        if lasts > LONGER * sweep:
+            return f"{said}: one sweep is made, from its beginning, and the rest is not used"
+        return f"{said}: the sensor stands still at its end" if LONGER * lasts < sweep else ""
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (n, 3, 3) and positions (n, 3) at some times (n,), in the sensor's frame at time 0."""
@@ -95,7 +111,7 @@ class Motion:
             np.where(angle < 1e-9, share, np.sin(share * angle) / sine),
         )
         quaternions = np.concatenate([turned[:1], weights[0] * first + weights[1] * last])
-        rotations = rotations_of(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+        rotations = rotations_of(unit_quaternions(quaternions))
         return np.asarray(rotations[0].T @ rotations[1:]), np.asarray((positions - places[0]) @ rotations[0])
 
     def applied(self, rays: Rays) -> Rays:
@@ -112,7 +128,7 @@ def _fault(rows: FloatArray) -> str:
     for bad, must in (
         (~np.isfinite(rows).all(axis=1), "be finite numbers"),
         (np.append(False, np.diff(rows[:, 0]) <= 0.0), "have a later time than the row before"),
-        (np.linalg.norm(rows[:, 4:], axis=1) <= 1e-9, "have a quaternion qx qy qz qw of length 1"),
+        (np.abs(rows[:, 4:]).max(axis=1) <= 1e-9, "have a quaternion qx qy qz qw of length 1"),
     ):
         if bad.any():
             row = int(bad.argmax())

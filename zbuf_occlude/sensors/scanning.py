@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.geometry.camera import as_rigid
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -234,7 +235,7 @@ def scan(
     Raises
     ------
     ArgumentError
-        A pose that is no rigid motion, a pose and a range, or no scene or sensor.
+        A pose that is no rigid motion, a pose and a range, no scene or sensor, or an occluder of another mesh.
     OptionError, UnavailableError
         As `zbuf_occlude.prepare`; a method that casts no rays; a motion of a sensor that casts all rays at once.
 
@@ -242,7 +243,7 @@ def scan(
     -----
     UserWarning
         With `range`: the sensor stands inside the mesh's bounding box. Without `occluder`: objects move, but all rays
-        are cast at once.
+        are cast at once; a trajectory lasts longer or shorter than the sweep that is made.
 
     Examples
     --------
@@ -275,7 +276,8 @@ def scan(
         pose = _pose_at(scene.mesh, range, azimuth or 0.0, elevation or 0.0)
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
-    rotation, origin = _rigid(pose)
+    matrix = np.eye(4) if pose is None else as_rigid(pose, "pose")
+    rotation, origin = matrix[:3, :3], matrix[:3, 3]
     rays = at_rest = sensor.rays()
     if motion is not None and not isinstance(motion, Motion):
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
@@ -288,6 +290,8 @@ def scan(
         if untimed and occluder is None:
             warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
     if motion is not None:
+        if occluder is None and (said := motion.unlike(at_rest)):
+            warnings.warn(f"{said}.", stacklevel=2)
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
         corners = as_vectors(towards, "towards")
@@ -300,6 +304,7 @@ def scan(
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
             raise ArgumentError("occluder of a scene that moves or has windows must be of prepare_scene. Leave it out.")
+        opened.check_is_of(scene.mesh)
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
@@ -375,18 +380,6 @@ def pose_of_camera(view_matrix: FloatArray) -> FloatArray:
     pose[:3, :3] = np.stack([-rotation[2], -rotation[0], rotation[1]], axis=1)
     pose[:3, 3] = -rotation.T @ view_matrix[:3, 3]
     return pose
-
-
-def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
-    matrix = np.eye(4) if pose is None else as_numbers(pose, "pose", (4, 4), " It is sensor to world.")
-    if not np.isfinite(matrix).all():
-        raise ArgumentError("pose must be finite; it is not.")
-    rotation = matrix[:3, :3]
-    if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0):
-        raise ArgumentError(
-            "pose must be a rigid motion, without scale or reflection. Scale the scene, not the sensor."
-        )
-    return rotation, matrix[:3, 3]
 
 
 def _may_meet(
@@ -674,7 +667,7 @@ def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
 
 def limited(scan: Scan, faults: Imperfections) -> Scan:
     """Leave out what is nearer than `range_min`, farther than `range_max`, or steeper than `incidence_max`."""
-    measured = _measured(scan, faults)
+    measured = measured_ranges(scan, faults)
     kept = (measured >= faults.range_min) & (measured <= faults.range_max)
     if faults.incidence_max < 90.0 and faults.noise:
         kept &= scan.incidences <= np.radians(faults.incidence_max)
@@ -720,7 +713,7 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
 
 def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
     """Add normal noise to the ranges; of an axial sensor to the depths."""
-    sigma = faults.range_sigma(_measured(scan, faults), scan.incidences)
+    sigma = faults.range_sigma(measured_ranges(scan, faults), scan.incidences)
     if not sigma.any():
         return scan
     if faults.axial:
@@ -771,6 +764,6 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     return scan.select(~edge | (rng.random(len(scan)) >= faults.edge_loss))
 
 
-def _measured(scan: Scan, faults: Imperfections) -> FloatArray:
+def measured_ranges(scan: Scan, faults: Imperfections) -> FloatArray:
     """What the sensor measures, without noise: ranges, or of an axial sensor depths."""
     return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges

@@ -150,15 +150,17 @@ def spinning(
 ) -> Rays:
     """Return the rays of a LiDAR that turns about its z axis, firing by firing, `columns` of them per turn.
 
-    Each of `lasers` has an elevation and an azimuth offset, the lowest first; `azimuths` are where the firings begin
-    and end; all in degrees. `turns` is how many there are a second. `offsets` are metres that each laser sits above
-    the sensor's origin, and to the left of it as seen along its ray; all are in the origin by default.
+    Each of `lasers` has an elevation and an azimuth offset, the lowest first; all in degrees. `azimuths` are the first
+    and the last firing's; of a whole turn, which ends where it begins, the last is one step before the second of them.
+    `turns` is how many there are a second. `offsets` are metres that each laser sits above the sensor's origin, and to
+    the left of it as seen along its ray; all are in the origin by default.
     """
     _not_too_many(columns * len(lasers))
     angles, (first, last) = np.radians(lasers), np.radians(azimuths)
     if not (np.abs(angles[:, 0]) <= np.pi / 2).all():
         raise OptionError("lasers must have elevations in [-90, 90] degrees; one has not.")
-    turn = first + np.arange(columns) * ((last - first) / columns)
+    is_whole = np.isclose(abs(last - first), 2.0 * np.pi)  # then the end is the beginning
+    turn = first + np.arange(columns) * ((last - first) / max(columns if is_whole else columns - 1, 1))
     azimuth = (turn[:, None] + angles[:, 1]).ravel()
     elevation = np.tile(angles[:, 0], columns)
     flat = np.cos(elevation)

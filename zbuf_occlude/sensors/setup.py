@@ -141,12 +141,15 @@ class Setup:
         return self.motion is not None or any({"velocity", "turn"} & set(each) for each in self.objects)
 
     def sensor_of(self, views: Views, view: int) -> Sensor:
-        """Return the sensor of a view: a pinhole has the picture that cameras of a file have (`Views.windows`)."""
+        """Return the sensor of a view: a pinhole has the picture that cameras of a file have, and its pixels."""
         sensor = self.made_sensor
         if views.windows is None or sensor.kind != "pinhole":
             return sensor
-        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(sensor.pattern["width"], sensor.pattern["height"])[0]
-        return sensor.with_numbers(f=fx, fy=fy, cx=cx, cy=cy)
+        width, height = sensor.pattern["width"], sensor.pattern["height"]
+        if views.sizes is not None:
+            width, height = views.sizes[view].tolist()
+        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(width, height)[0]
+        return sensor.with_numbers(width=width, height=height, f=fx, fy=fy, cx=cx, cy=cy)
 
     @cached_property
     def box(self) -> dict[str, Any] | None:

@@ -16,12 +16,11 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
-from zbuf_occlude.geometry.camera import rotations_of
-from zbuf_occlude.views.model import PAPER_DISTANCE, Views
+from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
+from zbuf_occlude.views.model import MOST_PIXELS, NOT_A_ROTATION, PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's eye space to OpenGL's."""
-_NOT_A_ROTATION = 1e-3
 
 _SIZE, _PLACE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
 _VIEWS = {
@@ -53,11 +52,12 @@ _FOCALS = {"SIMPLE_PINHOLE": 1, "SIMPLE_RADIAL": 1, "RADIAL": 1, "PINHOLE": 2, "
 
 
 class _Camera(NamedTuple):
-    """Of a file: where it stands, world to OpenCV's eye space, and tangents left, right, bottom, top of its picture."""
+    """A camera of a file: where it stands, world to OpenCV's eye space, and its picture."""
 
     eye: FloatArray
     rotation: FloatArray
-    window: Sequence[float] | None
+    window: Sequence[float] | None  # tangents left, right, bottom, top
+    size: tuple[int, int] | None  # pixels, where the file says so
 
 
 def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
@@ -159,22 +159,29 @@ def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> 
             f"{printable(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
             f"({said:.200})."
         ) from None
-    eyes, rotations, windows = (list(each) for each in zip(*cameras, strict=True))
-    return Views.of_cameras(np.array(eyes), _TO_GL @ rotations, None if None in windows else np.array(windows))
+    eyes, rotations, windows, sizes = (list(each) for each in zip(*cameras, strict=True))
+    return Views.of_cameras(
+        np.array(eyes),
+        _TO_GL @ rotations,
+        None if None in windows else np.array(windows),
+        sizes=None if None in sizes else np.array(sizes, np.int32),
+    )
 
 
-def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None) -> _Camera:
-    """Check R, t and fx, fy, cx, cy, width, height."""
+def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, has_size: bool = True) -> _Camera:
+    """Check R, t and fx, fy, cx, cy, width, height; `has_size`: whether width and height are the file's."""
     turn, moved = np.array(_ROTATION.read("R", rotation)), np.array(_TRANSLATION.read("t", translation))
-    if not np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_A_ROTATION or np.linalg.det(turn) < 0:
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(turn) < 0:
         raise ValueError("R must be a rotation, and is none")
-    window = None
+    window = size = None
     if intrinsics is not None:
         fx, fy, cx, cy, width, height = (
             kind.read(name, value) for (name, kind), value in zip(_INTRINSICS.items(), intrinsics, strict=True)
         )
         window = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
-    return _Camera(-turn.T @ moved, turn, window)
+        if has_size and width == int(width) and height == int(height) and width * height <= MOST_PIXELS:
+            size = int(width), int(height)
+    return _Camera(-turn.T @ moved, turn, window, size)
 
 
 def _camera_of_row(row: Mapping[str, str]) -> _Camera:
@@ -189,7 +196,7 @@ def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
         if skew or zero or last != [0.0, 0.0, 1.0]:
             raise ValueError("K must be fx 0 cx, 0 fy cy, 0 0 1, a pinhole without skew, and is not")
         intrinsics = [fx, fy, cx, cy, item.get("width", 2 * cx), item.get("height", 2 * cy)]
-    return _camera(item["R"], item["t"], intrinsics)
+    return _camera(item["R"], item["t"], intrinsics, {"width", "height"} <= item.keys())
 
 
 def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
@@ -210,15 +217,11 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
         centre = given.get("cx", width / 2), given.get("cy", height / 2)
         intrinsics = [focal, given.get("fl_y", focal), *centre, width, height]
     rotation = np.array(_ROTATION.read("transform_matrix", to_world[:3, :3])) @ _TO_GL
-    return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics)
+    return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics, {"w", "h"} <= given.keys())
 
 
 def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
-    quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
-    if not quaternion.any():
-        raise ValueError("a quaternion must not be zero, and one is")
-    quaternion /= np.abs(quaternion).max()  # its square may overflow
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    w, x, y, z = unit_quaternions(_QUATERNION.read("the quaternion", row[1:5]))
     rotation, intrinsics = rotations_of([x, y, z, w]), None
     if models:
         _, model, width, height, *words = models[f"camera {row[8]}"]

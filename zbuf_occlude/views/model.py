@@ -6,10 +6,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, Sealed, frozen
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, Sealed, as_indices, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
+MOST_PIXELS = 1 << 26
+"""Of a picture."""
+NOT_A_ROTATION = 1e-3
+"""A matrix whose products of rows are off by more is none; files have few digits."""
 PAPER_DISTANCE = 4.0
 """Distance of the camera in units of the object's longest side (paper 4.1)."""
 
@@ -35,6 +39,8 @@ class Views(Sealed):
         cameras stand where they are: `around` does not move them.
     windows : (k, 4) float, optional
         What the cameras' pictures show: tangents left, right, bottom, top (eye x or y over eye depth). By default all.
+    sizes : (k, 2) int, optional
+        Pixels of the pictures, width and height, of cameras of a file that says so; with `windows`.
 
     Raises
     ------
@@ -57,6 +63,7 @@ class Views(Sealed):
     roll: FloatArray | float = 0.0
     rotations: FloatArray | None = None
     windows: FloatArray | None = None
+    sizes: IntArray | None = None
 
     def __post_init__(self) -> None:
         given = {"azimuth": self.azimuth, "elevation": self.elevation, "distance": self.distance, "target": self.target}
@@ -80,9 +87,19 @@ class Views(Sealed):
                 fields[name] = np.asarray(values, dtype=np.float64)
                 if fields[name].shape != (len(azimuth), *shape):
                     raise ArgumentError(f"{name} must be {(len(azimuth), *shape)}; got {fields[name].shape}.")
+        if self.sizes is not None:
+            fields["sizes"] = as_indices(self.sizes, "sizes", columns=2, lowest=1, upper=MOST_PIXELS + 1)
+            if self.windows is None or len(fields["sizes"]) != len(azimuth):
+                raise ArgumentError(f"sizes must go with windows, one of each per view ({len(azimuth)}).")
         for name, values in fields.items():
             if not np.isfinite(values).all():
                 raise ArgumentError(f"{name} must be finite; got {values[~np.isfinite(values)][0]}.")
+        if (turns := fields.get("rotations")) is not None and len(turns):
+            off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+            if (wrong := (off > NOT_A_ROTATION) | (np.linalg.det(turns) < 0.0)).any():
+                raise ArgumentError(
+                    f"rotations must be rotations, without scale or reflection; {wrong.argmax()} is not."
+                )
         if (np.abs(elevation) > np.pi / 2 + 1e-9).any():
             worst = np.degrees(elevation[np.abs(elevation).argmax()])
             raise ArgumentError(f"elevation must lie in [-pi/2, pi/2]; got {worst:g} degrees. Give radians.")
@@ -140,8 +157,10 @@ class Views(Sealed):
             row[:] = (z < 0) & (x >= left * -z) & (x <= right * -z) & (y >= bottom * -z) & (y <= top * -z)
         return inside
 
-    def intrinsics(self, width: int, height: int) -> FloatArray:
+    def intrinsics(self, width: ArrayLike, height: ArrayLike) -> FloatArray:
         """Return K (k, 3, 3) of pictures of `windows`, pixels, y down, the upper left pixel's corner at (0, 0).
+
+        `width` and `height` are of all pictures, or (k,) of each.
 
         Raises ArgumentError where there are no windows.
         """
@@ -167,22 +186,27 @@ class Views(Sealed):
         """
         target = np.asarray(centre, dtype=np.float64)
         if self.rotations is not None:
-            return Views.of_cameras(self.eyes, self.rotations, self.windows, target)
+            return Views.of_cameras(self.eyes, self.rotations, self.windows, target, self.sizes)
         return replace(self, distance=self.distance * scale, target=target)
 
     def looking(self, at: ArrayLike | None = None, field_of_view: float | None = None) -> "Views":
         """Return the views turned to look at a point (3,), with square pictures of an angle in radians."""
-        rotations, windows = self.rotations, self.windows
+        rotations, windows, sizes = self.rotations, self.windows, self.sizes
         if at is not None:
             rotations = view_matrices(self.eyes, np.asarray(at, dtype=np.float64), self.ups)[:, :3, :3]
         if field_of_view is not None:
-            side = np.tan(field_of_view / 2)
+            side, sizes = np.tan(field_of_view / 2), None
             windows = np.tile([-side, side, -side, side], (len(self), 1))
-        return replace(self, rotations=rotations, windows=windows)
+        return replace(self, rotations=rotations, windows=windows, sizes=sizes)
 
     @classmethod
     def of_cameras(
-        cls, eyes: FloatArray, rotations: FloatArray, windows: FloatArray | None = None, target: ArrayLike = (0, 0, 0)
+        cls,
+        eyes: FloatArray,
+        rotations: FloatArray,
+        windows: FloatArray | None = None,
+        target: ArrayLike = (0, 0, 0),
+        sizes: IntArray | None = None,
     ) -> "Views":
         """Return cameras that stand at `eyes` (k, 3), world space, and are turned by `rotations` (k, 3, 3)."""
         target = np.asarray(target, dtype=np.float64)
@@ -190,7 +214,7 @@ class Views(Sealed):
         distance = np.linalg.norm(offsets, axis=1)
         azimuth = np.arctan2(offsets[:, 1], offsets[:, 0])
         elevation = np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
-        return cls(azimuth, elevation, distance, target, 0.0, rotations, windows)
+        return cls(azimuth, elevation, distance, target, 0.0, rotations, windows, sizes)
 
     @property
     def table(self) -> FloatArray:
@@ -202,16 +226,19 @@ class Views(Sealed):
             columns.append(self.rotations.reshape(-1, 9))
             if self.windows is not None:
                 columns.append(self.windows)
+            if self.sizes is not None:
+                columns.append(self.sizes.astype(np.float64))
         return np.concatenate(columns, axis=1)
 
     @classmethod
     def from_table(cls, table: ArrayLike) -> "Views":
         """Return views from their `table`."""
         rows = np.asarray(table, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] not in (3, 4, 13, 17):
-            raise ArgumentError(f"a table of views must be (k, 3), (k, 4), (k, 13) or (k, 17); got {rows.shape}.")
+        if rows.ndim != 2 or rows.shape[1] not in (3, 4, 13, 17, 19):
+            raise ArgumentError(f"a table of views must be of 3, 4, 13, 17 or 19 columns; got {rows.shape}.")
         azimuth, elevation, distance = rows[:, :3].T
         roll = rows[:, 3] if rows.shape[1] > 3 else 0.0
         rotations = rows[:, 4:13].reshape(-1, 3, 3) if rows.shape[1] > 4 else None
-        windows = rows[:, 13:] if rows.shape[1] > 13 else None
-        return cls(azimuth, elevation, distance, roll=roll, rotations=rotations, windows=windows)
+        windows = rows[:, 13:17] if rows.shape[1] > 13 else None
+        sizes = rows[:, 17:].astype(np.int32) if rows.shape[1] > 17 else None
+        return cls(azimuth, elevation, distance, roll=roll, rotations=rotations, windows=windows, sizes=sizes)

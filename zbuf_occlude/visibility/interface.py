@@ -180,6 +180,17 @@ class Occluder(ABC):
             "`zbuf-occlude methods` lists those that do."
         )
 
+    @final
+    def check_is_of(self, mesh: Mesh) -> None:
+        """Raise ArgumentError unless this was prepared of a mesh, or of one with the same vertices and faces."""
+        mine = self.mesh
+        if mine is not mesh and not (
+            np.array_equal(mine.faces, mesh.faces) and np.array_equal(mine.vertices, mesh.vertices)
+        ):
+            raise ArgumentError(
+                f"occluder must be of the mesh that is asked about, {mesh!r}; it is of {mine!r}. Prepare that one."
+            )
+
     def _check_open(self) -> None:
         if self._closed:
             raise ArgumentError("the occluder must be open; it was closed. Prepare the mesh again.")

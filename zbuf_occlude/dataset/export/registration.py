@@ -46,7 +46,7 @@ def export(source: Source, out: Path) -> Exported:
     transforms               (n, 4, 4) float64, takes rotated_src onto rotated_tgt
     overlap                  (n,) float32, share of src's visible surface that tgt's view sees
     match_id/0, 1, ...       (c, 2) int32, rows of src and tgt that are the same surface point
-    match_level, rot_level   (n,) int32: 1 from an overlap of 0.5 on; 1 where the rotation is not below 45 degrees
+    match_level, rot_level   (n,) int32: 1 from an overlap of 0.5 on; 1 where `transforms` turns by 45 degrees or more
     cat_labels               (n,) int32
     mesh_id, variation, view_src, view_tgt        (n,) int32
     =======================  =================================================================================
@@ -119,9 +119,9 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
             if view not in clouds:
                 clouds[view], _ = draw_visible(block.mask[view], recipe.equal_size, seed, view)
         drawn = [clouds[view] for view in pair[:2]]
-        turned = rng.random() < UNRESTRICTED
-        pose = _motion(rng, np.pi)
-        transform = _motion(rng, np.pi if turned else TURN)
+        most = np.pi if rng.random() < UNRESTRICTED else TURN
+        pose, _ = _motion(rng, np.pi)
+        transform, turned = _motion(rng, most)
         poses = [pose, transform @ pose]
         _, *matched = np.intersect1d(drawn[0], drawn[1], return_indices=True)
         src, tgt = (positions[ids].astype(np.float32) for ids in drawn)
@@ -137,7 +137,7 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
             "overlap": pair.overlap,
             "match_id": np.stack(matched, axis=1).astype("<i4"),
             "match_level": pair.overlap >= MATCHED,
-            "rot_level": turned,
+            "rot_level": turned >= TURN,
             "cat_labels": plan.classes.index(entry.label),
             "mesh_id": mesh_id,
             "variation": variation,
@@ -207,15 +207,15 @@ def _placed(plan: Plan, block: KeptSampling) -> FloatArray:
     return np.asarray((block.points.positions - centre) * factor @ axes.T)
 
 
-def _motion(rng: np.random.Generator, most: float) -> NDArray[np.float64]:
-    """Draw a rigid motion (4, 4): about any axis by an angle up to `most`, and any way up to `SHIFT`."""
+def _motion(rng: np.random.Generator, most: float) -> tuple[NDArray[np.float64], float]:
+    """Draw a rigid motion (4, 4): about any axis by an angle up to `most`, and any way up to `SHIFT`; and the angle."""
     axis, way = (each / np.linalg.norm(each) for each in rng.normal(size=(2, 3)))
     angle, (x, y, z) = rng.random() * most, axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     found = np.eye(4)
     found[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
     found[:3, 3] = way * rng.random() * SHIFT
-    return found
+    return found, angle
 
 
 def _range_of(recipe: Recipe) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from zbuf_occlude.errors import OptionError, UnavailableError
 from zbuf_occlude.extras import missing
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.bop import BopWriter
-from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, write_frames
+from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, frame_files
 from zbuf_occlude.visibility import prepare
 
 PATHS = "valid_paths.json"
@@ -43,7 +43,7 @@ def export_frames(source: Source, out: Path) -> Exported:
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
             unit = depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
             frames = (frame_of(plan, record) for record in records_of(source, of_views))
-            written = write_frames(out / paths[-1], frames, unit=unit)
+            written = frame_files(out / paths[-1], frames, unit)
             files[split] += [f"{paths[-1]}/{each}" for each in written]
     atomic.write_json(out / PATHS, paths)
     return Exported(files, n_clouds)
@@ -60,18 +60,22 @@ def _depths(record: Any) -> FloatArray:
 
 
 def frame_of(plan: Plan, record: Any) -> Frame:
-    """Return all that a pinhole camera's rays met as a frame."""
+    """Return all that a pinhole camera's rays met as a frame; of a pixel with several echoes the first."""
     assert plan.recipe.setup is not None
     views, view = plan.views_of(plan.meshes[int(record["mesh_id"])].key), int(record["view_id"])
     sensor = plan.recipe.setup.sensor_of(views, view)
-    size, pixels = (sensor.pattern["height"], sensor.pattern["width"]), (record["ring"], record["column"])
+    size, depths = (sensor.pattern["height"], sensor.pattern["width"]), _depths(record)
+    nearest = np.argsort(depths, kind="stable")
+    _, first = np.unique((record["ring"] * size[1] + record["column"])[nearest], return_index=True)
+    kept = nearest[first]
+    pixels = record["ring"][kept], record["column"][kept]
     depth, normals, colors = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32), None
     face_ids, instances = np.full((2, *size), -1, np.int32)
-    depth[pixels], normals[pixels] = _depths(record), record["normal"]
-    face_ids[pixels], instances[pixels] = record["face_ids"], record["instance"]
+    depth[pixels], normals[pixels] = depths[kept], record["normal"][kept]
+    face_ids[pixels], instances[pixels] = record["face_ids"][kept], record["instance"][kept]
     if "color" in record.dtype.names:
         colors = np.zeros((*size, 3), np.uint8)
-        colors[pixels] = record["color"]
+        colors[pixels] = record["color"][kept]
     return Frame(depth, face_ids, instances, normals, colors, sensor.intrinsics, record["pose"])
 
 
