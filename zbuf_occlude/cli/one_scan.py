@@ -7,9 +7,11 @@ import click
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.cli.messages import cut_off
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, given, suffix_of, up_option
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -79,12 +81,10 @@ def scan_command(
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
     if not len(found):
-        passing = capture.scene.passing
-        if passing is not None and (passing[capture.scene.instances == 0] == 1.0).all():
-            said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
-        else:
-            said = "no ray met the object within the sensor's range. Lower --range."
-        echo(f"warning: {said}", err=True)
+        echo(f"warning: nothing of the object returns: {capture.why_empty(setup.made_sensor)}", err=True)
+    cut = Counts.of_cut(*capture.cut).cut
+    for warning in cut_off(cut, setup.document):
+        echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 

@@ -39,7 +39,7 @@ BOXES = "boxes"
 """The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 8
+DATA_VERSION = 9
 """Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a full file, unless they are whole scans."""

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.contents import placed_of
 from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Arranged, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
+from zbuf_occlude.sensors.scanning import Scan, faultless, imperfect, look_at, measured_ranges, pose_of_camera
+from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import Occluder
@@ -30,6 +33,15 @@ ENLARGED = 1.1
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
 _NOWHERE = np.empty((0, 3))
+
+
+class Cut(NamedTuple):
+    """What a sensor's limits of range cut off a target, of one scan."""
+
+    n_returns: int = 0  # of the target, within the limits or not
+    n_near: int = 0  # of them those nearer than the sensor measures
+    n_far: int = 0
+    clear_range: float = 0.0  # metres: from this `--range` on nothing of the target is too near; 0 where nothing is
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +62,8 @@ class Capture:
         Share of the target that was to be hidden by others, and that is, by the mask.
     reached : bool
         Whether `hidden` is within 2 percent of the range asked for; True where none was.
+    cut : Cut
+        What the sensor's limits of range took from the target.
     """
 
     scan: Scan
@@ -59,6 +73,25 @@ class Capture:
     wanted: float = 0.0
     hidden: float = 0.0
     reached: bool = True
+    cut: Cut = field(default_factory=Cut)
+
+    def why_empty(self, sensor: Sensor) -> str:
+        """Return why nothing is kept of the scan by a sensor: a clause for a message."""
+        cut, faults = self.cut, sensor.imperfections
+        if not cut.n_returns:
+            passing = self.scene.passing
+            if passing is not None and (passing[self.scene.instances == 0] == 1.0).all():
+                return "the object lets all light pass"
+            if self.hidden == 1.0:
+                return "other objects hide it"
+            if len(faults.second_eyes):
+                return f"no point of it is seen by both eyes of {sensor.name}"
+            return f"no ray of {sensor.name} meets it"
+        for n, side in ((cut.n_near, "near"), (cut.n_far, "far")):
+            if n == cut.n_returns:
+                reach = f"{faults.range_min:g} to {faults.range_max:g} m"
+                return f"all of it that rays meet is too {side} for {sensor.name}, which measures at {reach}"
+        return f"{sensor.name} loses all its {cut.n_returns} returns"
 
 
 def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
@@ -105,18 +138,20 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
     with prepare_scene(itself, setup.method) as alone:
 
         def captured(scene: Scene, occluder: Occluder, view: int) -> Capture:
-            found = scan(
+            sensor, pose = setup.sensor_of(places, view), poses[view]
+            returns = faultless(
                 scene,
-                setup.sensor_of(places, view),
-                poses[view],
-                seed=seeds("scan", view),
+                sensor,
+                pose[:3, :3],
+                pose[:3, 3],
                 occluder=occluder,
                 towards=_region(mesh, setup),
                 target=alone if setup.keep == "target" and occluder is not alone else None,
                 motion=setup.made_motion,
             )
+            found = imperfect(returns, sensor, generator(seeds("scan", view)))
             kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
-            return Capture(found.select(kept), scene, occluder, poses[view])
+            return Capture(found.select(kept), scene, occluder, pose, cut=_cut(returns, sensor, mesh, pose))
 
         if setup.share is not None or setup.objects:  # others may hide some of the target
             points, showing = _showing(itself, alone, places, setup, seeds)
@@ -237,6 +272,18 @@ def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> 
             angle = np.arccos(np.clip(-to_it @ eye / (away * distance), -1.0, 1.0))
             near[number] = angle <= half_angle + np.arcsin(radius / away)
     return near
+
+
+def _cut(returns: Scan, sensor: Sensor, mesh: Mesh, pose: FloatArray) -> Cut:
+    """Measure what the limits of range cut off a target, of all `returns` before them."""
+    faults = sensor.imperfections
+    measured = measured_ranges(returns, faults)[returns.instances == 0]
+    n_near, n_far = int((measured < faults.range_min).sum()), int((measured > faults.range_max).sum())
+    if not n_near:
+        return Cut(len(measured), 0, n_far)
+    axis, at = pose[:3, 0], pose[:3, 3]  # the range is along the axis, on the ground or towards the target's middle
+    nearest = float(((mesh.vertices - at) @ axis).min())  # no range is less than the depth
+    return Cut(len(measured), n_near, n_far, faults.range_min - float(at @ axis) - nearest)
 
 
 def _kept(found: Scan, mesh: Mesh, setup: Setup, rng: np.random.Generator) -> BoolArray:

@@ -276,6 +276,25 @@ def scan(
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
+    asked: dict[str, Any] = {"motion": motion, "occluder": occluder, "towards": towards, "target": target, **options}
+    rng = generator(seed)
+    return imperfect(faultless(scene, sensor, rotation, origin, method=method, **asked), sensor, rng)
+
+
+def faultless(
+    scene: Scene,
+    sensor: Sensor,
+    rotation: FloatArray,
+    origin: FloatArray,
+    *,
+    motion: Motion | None = None,
+    method: str | None = None,
+    occluder: Occluder | None = None,
+    towards: ArrayLike | None = None,
+    target: Occluder | None = None,
+    **options: Any,
+) -> Scan:
+    """Return all returns of a scan before limits, losses and noise (`imperfect`); the rest is as of `scan`."""
     rays = at_rest = sensor.rays()
     if motion is not None and not isinstance(motion, Motion):
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
@@ -286,7 +305,7 @@ def scan(
         if untimed and motion is not None:
             raise OptionError(untimed)
         if untimed and occluder is None:
-            warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
+            warnings.warn(f"objects that move stand still: {untimed}", stacklevel=3)
     if motion is not None:
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
@@ -295,7 +314,7 @@ def scan(
     if target is not None:
         alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    rng, name = generator(seed), method or default_caster()
+    name = method or default_caster()
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
@@ -303,7 +322,7 @@ def scan(
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
-    return imperfect(returns, sensor, rng)
+    return returns
 
 
 def no_windows(option: str, mesh: Mesh) -> str:
@@ -674,7 +693,7 @@ def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
 
 def limited(scan: Scan, faults: Imperfections) -> Scan:
     """Leave out what is nearer than `range_min`, farther than `range_max`, or steeper than `incidence_max`."""
-    measured = _measured(scan, faults)
+    measured = measured_ranges(scan, faults)
     kept = (measured >= faults.range_min) & (measured <= faults.range_max)
     if faults.incidence_max < 90.0 and faults.noise:
         kept &= scan.incidences <= np.radians(faults.incidence_max)
@@ -720,7 +739,7 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
 
 def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
     """Add normal noise to the ranges; of an axial sensor to the depths."""
-    sigma = faults.range_sigma(_measured(scan, faults), scan.incidences)
+    sigma = faults.range_sigma(measured_ranges(scan, faults), scan.incidences)
     if not sigma.any():
         return scan
     if faults.axial:
@@ -771,6 +790,6 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     return scan.select(~edge | (rng.random(len(scan)) >= faults.edge_loss))
 
 
-def _measured(scan: Scan, faults: Imperfections) -> FloatArray:
-    """What the sensor measures, without noise: ranges, or of an axial sensor depths."""
+def measured_ranges(scan: Scan, faults: Imperfections) -> FloatArray:
+    """Return what the sensor measures (n,), without noise: ranges, or of an axial sensor depths."""
     return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges
