@@ -45,7 +45,7 @@ def scan_command(
     out: Path,
     **options: Any,
 ) -> None:
-    """Scan the first of MESHES; the others, or else the built-in shapes, are what scenes are filled with.
+    """Scan the first of MESHES; the others, or else built-in ones, are what scenes are filled with.
 
     Points are metres, the middle of the object's box at the origin, z up. With a ground the sensor stands at its height
     above it, --range away along the ground; without one it looks at the object from --azimuth and --elevation. Each
@@ -80,29 +80,23 @@ def scan_command(
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
-    if not len(found):
-        echo(f"warning: nothing of the object returns: {capture.why_empty(setup.made_sensor)}", err=True)
-    cut = Counts.of_cut(*capture.cut).cut
-    for warning in cut_off(cut, setup.document):
+    warnings = list(cut_off(Counts.of_cut(*capture.cut).cut, setup.document))
+    if not len(found) and not warnings:
+        warnings = [f"warning: nothing of the object returns: {capture.why_empty(setup.made_sensor)}"]
+    for warning in warnings:
         echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 
 
 def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
+    """Return the capture of a collection's first mesh; the rest of it, or built-in ones, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
     """
     first = collection[0]
     with Limits().watch():
         loaded = first.load()
-    if len(collection) > 1:
-        others = collection[1:]
-    else:
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        others = shapes.collection()
     mesh, size = in_metres(loaded, first.label, setup)
 
     def seeds(what: str, view: int) -> np.random.SeedSequence:
@@ -114,7 +108,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
         places = sensor_places(views, size, floor, setup, seeds)
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
-    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
+    pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.passing is None:
         raise OptionError(no_windows("--transparent", loaded))

@@ -15,7 +15,7 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import ALL, SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
@@ -72,7 +72,7 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--size",
             metavar="CLASS=M,...|M|file",
-            help="Longest sides, metres; file: as in the files.  [default: by class]",
+            help="Longest sides, metres; M: of the objects seen, file: as in the files.  [default: by class]",
         ),
         click.option("--scene", default="none", help=f"{scenes}, or a JSON file."),
         click.option("--hidden", metavar="A..B", help="Share of the object that others hide.  [default: the scene's]"),
@@ -141,7 +141,7 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
     """
     if setup is None or isinstance(setup.size, str):
         return
-    known = {*collection.classes, *SIZES, "*"}
+    known = {*collection.classes, *SIZES, ALL}
     if unknown := [label for label in setup.size if label not in known]:
         raise OptionError(
             f"--size must be of classes that there are, {', '.join(collection.classes)}; got {unknown[0]}."

@@ -23,7 +23,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.provenance import seed_of
-from zbuf_occlude.scenes.contents import Pool
+from zbuf_occlude.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
@@ -406,7 +406,7 @@ class Plan:
         """Objects that scenes are filled with; the same in every worker."""
         setup = self.recipe.setup
         given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
-        return Pool(self.meshes, *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
+        return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
 
     @cached_property
     def document(self) -> dict[str, Any]:

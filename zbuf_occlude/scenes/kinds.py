@@ -157,7 +157,7 @@ class Kind:
 KINDS: tuple[Kind, ...] = (
     Kind("none", "the target alone", none),
     Kind("ground", "the target on a plane", ground, 1.73, most=2),
-    Kind("street", "ground, objects of the collection, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
+    Kind("street", "ground, road users, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
     Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
 )
 """The sensor's heights: HDL-64E's on KITTI's car; assumed of a room."""

@@ -381,7 +381,7 @@ class OnTheFlyScan:
     numbers : mapping, optional
         Of the sensor to be changed, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
-        What scenes are filled with; crates without it.
+        What scenes are filled with; built-in road users or furniture without it.
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     **setup
