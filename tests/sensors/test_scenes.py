@@ -22,7 +22,7 @@ from zbuf_occlude.scenes.contents import BELONGING, Pool, read_scene, surroundin
 from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL, draw_albedos
 from zbuf_occlude.scenes.sizes import SIZES, Sizes, parse_sizes, size_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import Setup, parse_span
 from zbuf_occlude.views import Views
@@ -64,6 +64,42 @@ def test_joined_keeps_whose_face_is_whose() -> None:
         Scene.joined([])
     with pytest.raises(zo.ArgumentError, match=r"pose of a must be \(4, 4\), finite"):
         Placed(box(), "a", np.zeros((4, 4)))
+
+
+@pytest.mark.parametrize("scene", ["none", "file", "ground", "street", "room"])
+@pytest.mark.parametrize("sensor", ["kinect-v1", "realsense-d435", "cyberware-3030"])
+def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
+    views = zo.views.parse("grid:3x10@15..75")
+    asked = setup(sensor, scene=scene, range=(0.4, 0.4))
+    places = sensor_places(views, 0.3, -0.15, asked, seeds)
+    assert np.allclose(places.eyes, 0.4 / 4.0 * views.eyes)
+    standing = box((0.3, 0.3, 0.3))
+    for view in (0, 29):  # an elevation of 75 degrees, too: nothing stands between it and the target
+        (capture,) = captures(standing, asked, places[[view]], -0.15, seeds, Pool((), {}, scene, seeds("pool", 0)))
+        axis = capture.pose[:3, 0]
+        assert np.allclose(capture.pose[:3, 3], places.eyes[view])
+        assert np.allclose(axis, -places.eyes[view] / 0.4)  # it looks at the target's middle
+
+
+@pytest.mark.parametrize("sensor", ["vlp-16", "mid-40"])
+def test_lidars_are_mounted_above_the_ground(sensor: str) -> None:
+    views = zo.views.parse("grid:3x10@15..75")
+    for height in (None, 2.5):
+        places = sensor_places(
+            views, 0.3, -0.15, setup(sensor, scene="ground", range=(5, 5), sensor_height=height), seeds
+        )
+        assert np.allclose(places.eyes[:, 2], (height or 1.73) - 0.15)
+        assert np.allclose(np.linalg.norm(places.eyes[:, :2], axis=1), 5.0)
+
+
+def test_cameras_below_the_ground_stand_on_it() -> None:
+    views, asked = zo.views.parse("grid:4x2@-60..0"), setup("kinect-v1", scene="room", range=(2.0, 2.0))
+    places = sensor_places(views, 1.0, -0.5, asked, seeds)
+    wanted = 2.0 * np.sin(views.elevation)
+    assert np.allclose(places.eyes[:, 2], np.maximum(wanted, -0.49))
+    assert np.allclose(np.linalg.norm(places.eyes, axis=1), 2.0)
+    assert n_raised(views, places, asked) == (wanted < -0.49).sum() == 6
+    assert n_raised(views, sensor_places(views, 1.0, -0.5, setup(scene="room"), seeds), setup(scene="room")) == 0
 
 
 def test_albedos_are_drawn_of_objects_that_have_none() -> None:
@@ -248,6 +284,7 @@ def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
         ({"keep": "most"}, "one of target, box, all; got 'most'"),
         ({"keep": "box:twist"}, "got 'box:twist'"),
         ({"sensor_height": 2.0}, r"--scene none lacks; got 2\.0"),
+        ({"sensor": "kinect-v1", "scene": "room", "sensor_height": 1.5}, "must be of a LiDAR .* kinect-v1 is a camera"),
     ],
 )
 def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:

@@ -19,7 +19,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
-from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
@@ -47,9 +47,10 @@ def scan_command(
 ) -> None:
     """Scan the first of MESHES; the others, or else built-in ones, are what scenes are filled with.
 
-    Points are metres, the middle of the object's box at the origin, z up. With a ground the sensor stands at its height
-    above it, --range away along the ground; without one it looks at the object from --azimuth and --elevation. Each
-    point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns, time and normal.
+    Points are metres, the middle of the object's box at the origin, z up. A camera looks at the object from --azimuth
+    and --elevation, --range away. So does a LiDAR without a ground; with one it is mounted at its height above that,
+    --range away along the ground. Each point has range, incidence (radians), intensity, ring, column, instance (0: the
+    object), n_returns, time and normal.
 
     \b
     Examples:
@@ -68,7 +69,9 @@ def scan_command(
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
     if setup.height is not None and given(click.get_current_context(), ("elevation",)):
-        raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
+        raise click.UsageError(
+            "--elevation must be of a camera; --sensor-height says how high a LiDAR is above the ground."
+        )
     collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
     check_sizes(setup, collection)
     capture = scan_once(collection, setup, azimuth, elevation, seed)
@@ -112,6 +115,8 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.passing is None:
         raise OptionError(no_windows("--transparent", loaded))
+    if n_raised(views, places, setup):
+        echo("warning: the camera would be below the ground, and stands on it. Raise --elevation.", err=True)
     return capture
 
 

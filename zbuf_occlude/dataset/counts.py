@@ -51,6 +51,7 @@ class Counts:
     n_clouds: int = 0
     n_blind_views: int = 0  # views that see nothing, and give no cloud
     n_inside: int = 0  # cameras inside the bounding box of their mesh
+    n_raised: int = 0  # cameras that would stand below the ground
     n_with_repeats: int = 0  # clouds with fewer visible points than they hold
     n_few: int = 0  # clouds of fewer than `FEW` distinct visible points
     n_returns: int = 0  # of the objects that are scanned, within the sensor's limits of range or not

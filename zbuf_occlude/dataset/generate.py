@@ -375,6 +375,7 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
             "clouds": counts.n_clouds,
             "views_that_see_nothing": counts.n_blind_views,
             "views_inside_the_bounding_box": counts.n_inside,
+            "cameras_raised_above_the_ground": counts.n_raised,
             "clouds_with_repeated_points": counts.n_with_repeats,
             f"clouds_of_fewer_than_{FEW}_distinct_points": counts.n_few,
             "faces_dropped": dict(counts.faces_dropped),

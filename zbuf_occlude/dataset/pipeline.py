@@ -23,7 +23,7 @@ from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
-from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
@@ -195,16 +195,17 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = _places(mesh, size, floor, setup, plan, key, seeds)
+        raised = Counts(n_raised=n_raised(plan.views_of(key), places, setup))
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)
             n_visible = mask.sum(axis=1)
-            yield Sampling(whole, mask, places, count_clouds(n_visible, n_visible, recipe), "none")
+            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, recipe), "none")
             continue
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
-        found, counts, renderer, blank = list[tuple[Scan, dict[str, Any]]](), Counts(), "none", dict[int, str]()
+        found, counts, renderer, blank = list[tuple[Scan, dict[str, Any]]](), raised, "none", dict[int, str]()
         n_distinct = np.empty(len(places), np.intp)
         for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer

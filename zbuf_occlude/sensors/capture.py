@@ -32,6 +32,8 @@ ENLARGED = 1.1
 """A box that is kept has sides this many times the target's."""
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
+LOWEST = 0.01
+"""Metres that a camera is above the ground, at least."""
 _NOWHERE = np.empty((0, 3))
 
 
@@ -108,7 +110,8 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
     Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
-    count. Of a range that begins within the target, what lies outside it is taken.
+    count for LiDARs; other cameras that would stand below it are raised. Of a range that begins within the target, what
+    lies outside it is taken.
     """
     if views.rotations is not None:
         return views
@@ -121,11 +124,20 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     if setup.height is not None:
         up = floor + setup.height
         elevation, distance = np.arctan2(up, lengths), np.hypot(up, lengths)
+    elif setup.kind.sensor_height is not None:
+        elevation = np.maximum(elevation, np.arcsin(np.clip((floor + LOWEST) / lengths, -1.0, 1.0)))
     if (lengths <= size / 2).any():
         raise MeshError(
             f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise --range."
         )
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
+
+
+def n_raised(views: Views, places: Views, setup: Setup) -> int:
+    """Count the cameras of some views that `sensor_places` has raised above the ground."""
+    if views.rotations is not None or setup.height is not None:
+        return 0
+    return int((places.elevation > views.elevation).sum())
 
 
 def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
