@@ -64,6 +64,11 @@ def lacking(document: dict[str, Any]) -> Iterator[str]:
             f"warning: of {n} of {counted(counts['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
             f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
         )
+    if n := counts.get("meshes_with_far_faces"):
+        yield (
+            f"warning: {counted(n, 'mesh has', 'meshes have')} faces so far from most of the area that the contact "
+            "tolerance is too large, and what hides is missed. Their lines in the log say which; --set contact=X helps."
+        )
     n = counts.get("meshes_without_windows")
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
         names = ", ".join(document["options"]["scanning"]["transparent"])

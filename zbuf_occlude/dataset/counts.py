@@ -68,6 +68,7 @@ class Counts:
     n_stacked: int = 0  # of them those that have one nearer than the method's tolerance
     most_stacked: WorstMesh | None = None
     n_without_colors: int = 0  # meshes of which colours are wanted and some are lacking
+    n_with_far_faces: int = 0  # meshes of which a few faces make the contact tolerance large for all others
     n_without_windows: int = 0  # meshes that have none of the windows asked for
     faces_dropped: Mapping[str, int] = field(default_factory=dict)  # by cleaning, for each reason
 

@@ -380,6 +380,7 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
             f"clouds_of_fewer_than_{FEW}_distinct_points": counts.n_few,
             "faces_dropped": dict(counts.faces_dropped),
             "meshes_without_colors": counts.n_without_colors,
+            "meshes_with_far_faces": counts.n_with_far_faces,
             "meshes_without_windows": counts.n_without_windows,
         },
         "failures": dict(whole.failures),

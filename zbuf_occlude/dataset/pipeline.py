@@ -15,6 +15,7 @@ from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, Counts, WorstMesh, WorstV
 from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
 from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import of_one_sign, volumes
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
@@ -29,7 +30,7 @@ from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT
+from zbuf_occlude.visibility.interface import CONTACT, cure_of
 
 CHECKED_POINTS = 64
 """At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
@@ -85,7 +86,7 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
         if not recipe.complete:
             options = dict(recipe.method_options or {})
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **options))
-            occluder.warns_of_eyes_inside = False  # the manifest counts them
+            occluder.warns = False  # the manifest counts them
             renderer = occluder.renderer
         for variation in range(recipe.variations):
             points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), Counts()
@@ -142,13 +143,22 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
 
 
 def count_mesh(mesh: Mesh, recipe: Recipe) -> Counts:
-    """Count what cleaning dropped, and whether wanted colours or windows are lacking; the log says which."""
+    """Count what cleaning dropped, far faces, and whether wanted colours or windows are lacking; the log says which."""
     lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
     shares = {} if recipe.setup is None else recipe.setup.transparent
     opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).passing.any())
-    return Counts(faces_dropped=mesh.dropped, n_without_colors=int(lacking), n_without_windows=int(opaque))
+    keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
+    far = far_faces(mesh) if keeps_contact else None
+    if far is not None:
+        _LOG.warning("%s. %s", far.said(mesh), cure_of(far, mesh))
+    return Counts(
+        faces_dropped=mesh.dropped,
+        n_without_colors=int(lacking),
+        n_without_windows=int(opaque),
+        n_with_far_faces=int(far is not None),
+    )
 
 
 def check(
@@ -169,7 +179,7 @@ def check(
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
-        oracle.warns_of_eyes_inside = False
+        oracle.warns = False
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)

@@ -186,10 +186,10 @@ def prepare(
         if len(mesh) == 0:
             raise ArgumentError("a point cloud must have points; this one has none.")
         mesh = box_around(mesh.positions)
-    if not row.needs_gl:
-        return factory(mesh, **options)
-    if gl is None:
+    if row.needs_gl and gl is None:
         from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
 
         gl = GlContext.of_thread()
-    return factory(mesh, gl=gl, **options)
+    occluder: Occluder = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
+    occluder.contact_given = "contact" in options
+    return occluder

@@ -124,7 +124,7 @@ def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Sc
             if scene is not last or occluder is None:
                 opened.close()
                 last, occluder = scene, opened.enter_context(prepare(scene.mesh, method))
-                occluder.warns_of_eyes_inside = False
+                occluder.warns = False
             noisy = frame_of(source.plan, record)
             clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
             yield scene, replace(clean, colors=noisy.colors), noisy.depth
