@@ -66,7 +66,7 @@ METHODS = Methods(
             "zbuf_occlude.visibility.pyrender:prepare",
             extra="pyrender",
             requires="pyrender",
-            libraries=("libEGL.so.1",),
+            libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
             no_first_hits="its pixels lie where its camera has them, not where the rays go",
         ),
         Method(
