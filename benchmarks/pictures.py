@@ -28,7 +28,7 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.drawing.marks import project_to_picture
 from zbuf_occlude.drawing.pictures import canvas, draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.contents import Pool
+from zbuf_occlude.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster
@@ -184,7 +184,7 @@ def scanned(mesh: zo.Mesh, sensor: str, distance: float, scene: str, seed: int =
     setup = Setup(make(sensor).document, range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
     drawn, floor = partial(seeds, seed=seed), float(mesh.bounds[0, 2])
     views = zo.Views(np.array([AZIMUTH]), np.array([0.15]), np.array([2.0]))
-    pool = Pool(shapes.collection(n_members=3), {}, scene, np.random.SeedSequence(1))
+    pool = Pool(surroundings((), scene), {}, scene, np.random.SeedSequence(1))
     places = sensor_places(views, mesh.longest_side, floor, setup, drawn)
     (capture,) = captures(mesh, setup, places, floor, drawn, pool)
     return capture.scan

@@ -9,7 +9,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.processes import python, run_program
 from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.extras import importing
+from zbuf_occlude.extras import importing, reason
 
 NO_LIBRARY = "libnowhere.so.3: cannot open shared object file: No such file or directory"
 BROKEN = {
@@ -133,3 +133,18 @@ def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, pro
 def test_what_this_package_raises_while_another_is_imported_stays_as_it_is() -> None:
     with pytest.raises(UnavailableError, match=r"^as it is$"), importing("numpy", "it"):
         raise UnavailableError("as it is")
+
+
+@pytest.mark.parametrize(
+    ("said", "cure"),
+    [
+        ('Library "GL" not found.', "libGL.so.1 is missing; on Debian: apt-get install libgl1"),
+        ('Library "Xrender" not found.', "libXrender.so.1 is missing; on Debian: apt-get install libxrender1"),
+        ('Library "Xnowhere" not found.', "libXnowhere.so is missing; install it again"),
+        ("libX11.so.6: cannot open shared object file", "libX11.so.6 is missing; on Debian: apt-get install libx11-6"),
+        ("libno.so.7: cannot open shared object file", "libno.so.7 is missing; install it again"),
+    ],
+)
+def test_what_is_said_of_a_missing_library_comes_with_the_command(said: str, cure: str) -> None:
+    """As pyglet words it, which pyrender imports, and the loader; installing the package again would change nothing."""
+    assert cure in reason("numpy", ImportError(said))

@@ -3,7 +3,7 @@
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import CDLL
 from importlib.util import find_spec
@@ -33,12 +33,14 @@ DEBIAN = {
     "libEGL.so.1": "libegl1 libgl1-mesa-dri",
     "libGL.so.1": "libgl1",
     "libX11.so.6": "libx11-6",
+    "libXrender.so.1": "libxrender1",
     "libgomp.so.1": "libgomp1",
     "libusb-1.0.so.0": "libusb-1.0-0",
 }
 """Libraries that the packages link to and do not bring, and Debian's packages of them."""
 
-_NO_LIBRARY = re.compile(r"(lib[^\s:/]*\.so[.\d]*): cannot open shared object file")
+_NO_LIBRARY = re.compile(r'(lib[^\s:/]*\.so[.\d]*): cannot open shared object file|Library "(\w+)" not found')
+"""What the loader says, and what pyglet does, on which pyrender is built."""
 _PATIENCE = 120.0  # seconds
 
 
@@ -46,12 +48,22 @@ def missing(package: str, *libraries: str) -> str:
     """Return a message that a package, or on Linux a library that it needs, is not installed; "" where all are."""
     if find_spec(package) is None:
         return f"needs the package {package}; install it: pip install 'zbuf-occlude[{EXTRAS[package]}]'"
-    for library in libraries if sys.platform == "linux" else ():
-        try:
-            CDLL(library)
-        except OSError:
-            return f"needs {library} for {package}; on Debian: apt install {DEBIAN[library]}"
-    return ""
+    lacking = [library for library in libraries if sys.platform == "linux" and not _loads(library)]
+    if not lacking:
+        return ""
+    return f"needs {', '.join(lacking)} for {package}; {_cure(lacking)}"
+
+
+def _loads(library: str) -> bool:
+    try:
+        CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _cure(libraries: Sequence[str]) -> str:
+    return f"on Debian: apt-get install {' '.join(DEBIAN[library] for library in libraries)}"
 
 
 @contextmanager
@@ -87,10 +99,12 @@ def reason(package: str, error: Exception) -> str:
 
     said = " ".join(f"{type(error).__name__}: {error}".split())
     fix = f"install it again: pip install --force-reinstall {packages_distributions().get(package, [package])[0]}"
-    if library := _NO_LIBRARY.search(said):
-        said = f"the library {library[1]} is missing"
-        if library[1] in DEBIAN:
-            fix = f"on Debian: apt install {DEBIAN[library[1]]}"
+    if found := _NO_LIBRARY.search(said):
+        name = found[1] or f"lib{found[2]}.so"
+        library = next((each for each in DEBIAN if found[2] and each.startswith(name)), name)
+        said = f"the library {library} is missing"
+        if library in DEBIAN:
+            fix = _cure([library])
     elif isinstance(error, ModuleNotFoundError) and error.name and error.name.partition(".")[0] != package:
         fix = f"install that too: pip install {error.name.partition('.')[0]}"
     return f"needs the package {package}; it is installed, and its import fails: {said.removesuffix('.')}; {fix}"

@@ -166,7 +166,7 @@ def test_an_object_out_of_the_sensor_s_reach(run: Run, format: str) -> None:
     run(
         f"generate --sensor kinect-v1 --range 50 --method embree --limit 1 --workers 1 --format {format} --out out",
         code=1,
-        says="its views see nothing; kinect-v1 measures at 0.8 to 4 m, up to 85 degrees",
+        says="too far for kinect-v1, which measures at 0.8 to 4 m. Choose other --views, --range or --size",
     )
 
 

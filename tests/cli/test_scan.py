@@ -62,15 +62,18 @@ def test_a_scan_in_the_unit_of_the_file(run: Run, car: Path, tmp_path: Path) -> 
 def test_a_scan_of_nothing_says_so(run: Run, car: Path) -> None:
     Path("sideways.csv").write_text("azimuth,elevation\n90,0\n")
     line = f"scan {car} --size 4 --range 10000 --method embree --out s.ply"
-    run(line, says="warning: all that the rays meet is farther")
-    run(f"scan {car} --size 4 --range 9 --sensor sideways.csv --out s.ply", says="warning: no ray of sideways meets")
+    run(line, says="vlp-32c measures to 200 m: 100.0% of the objects' returns are farther")
+    run(
+        f"scan {car} --size 4 --range 9 --sensor sideways.csv --out s.ply",
+        says="nothing of the object returns: no ray of sideways meets",
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--range 3 --set-sensor range_min=50", "nearer .* Raise --range"),
-        ("--range 9 --set-sensor range_max=5", "farther .* Lower --range"),
+        ("--range 3 --set-sensor range_min=50", "nearer.* With --range .* none is"),
+        ("--range 9 --set-sensor range_max=5", "farther.* Lower --range"),
         ("--range 9 --set-sensor incidence_max=0.01", "steeper .* incidence_max=90"),
         ("--range 9 --set-sensor drop=1", "lost.* noise=0"),
         ("--range 9 --sensor far.yaml", "second eye .* baseline=0"),

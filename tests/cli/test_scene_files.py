@@ -87,3 +87,27 @@ def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
     for name in ("Truck", "car"):
         (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": name, "position": [1, 2, 0]}]}))
         run(f"{line} --sensor vlp-16", code=2, says=f"small letters; got the class '{name}'")
+
+
+def test_a_depth_camera_keeps_its_places_and_a_lidar_says_which_it_has(run: Run, tmp_path: Path) -> None:
+    """Thirty views from 15 to 75 degrees at 0.4 m; a LiDAR is at ten places instead, and so it is said."""
+    cube = box((0.2, 0.2, 0.2))
+    write_off(tmp_path / "meshes" / "cube.off", cube.vertices, cube.faces)
+    (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": "pedestrian", "position": [0, 30, 0]}]}))
+    asked = "generate meshes --views grid:3x10@15..75 --scene scene.json --size file --scale mesh --workers 1"
+    camera = run(f"{asked} --range 0.4 --sensor azure-kinect-nfov:range_min=0.1,width=64,height=58 --out camera")
+    with h5py.File(tmp_path / "camera" / "ply_data_train0.h5") as file:
+        views = file["view"][:][np.argsort(file["view_id"][:])]
+    assert np.allclose(views[:, 2], 0.4)
+    assert np.allclose(np.degrees(views[:, 1]), np.repeat([15.0, 45.0, 75.0], 10))
+    assert "elevation" not in camera.err
+    lidar = run(f"{asked.replace('--size file', '--size 1')} --range 10 --sensor vlp-32c --out lidar")
+    assert "vlp-32c is mounted 1.73 m above the ground: elevations of --views do not count" in lidar.err
+    assert "30 views look from 10 sides" in lidar.err
+    below = run(f"{asked.replace('15..75', '-60..60')} --range 0.4 --sensor pinhole:width=64,height=64 --out below")
+    assert "warning: 10 cameras would be below the ground, and stand on it" in below.out
+    run(f"{asked} --range 0.4 --sensor pinhole --sensor-height 1.5 --out none", code=2, says="must be of a LiDAR")
+    run(
+        f"{asked} --range 0.4 --sensor pinhole:width=64,height=64 --distance 3 --dry-run --out both",
+        says="--distance does not count",
+    )

@@ -43,6 +43,15 @@ def test_the_noise_is_the_tables(name: str, distance: float) -> None:
         assert measured == pytest.approx(written[name], rel=0.03)
 
 
+def test_the_least_range_of_a_stereo_camera_is_where_its_matcher_s_search_ends() -> None:
+    """A point is 126 pixels apart in the two pictures of a RealSense D435 where it is nearest."""
+    sensor = make("realsense-d435")
+    (baseline,) = sensor.imperfections.second_eyes
+    disparity = sensor.pixels * np.linalg.norm(baseline) / sensor.imperfections.range_min
+    assert disparity == pytest.approx(126.0, rel=0.003)
+    assert "126" in sensor.sources["range_min"]
+
+
 def test_kinects_noise_grows_with_incidence() -> None:
     """Nguyen, Izadi, Lovell 2012: .0001 / sqrt(z) theta^2 / (pi/2 - theta)^2 more from 60 degrees on."""
     sigma = make("kinect-v1").imperfections.range_sigma

@@ -1,6 +1,7 @@
 """Scenes: what is put around a target, how much of it others hide, what is kept; sizes; a user's JSON."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,16 @@ import zbuf_occlude as zo
 from tests.cli.conftest import write_off
 from tests.scenes import box
 from zbuf_occlude import shapes
+from zbuf_occlude.dataset.pipeline import scanned_scenes
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
-from zbuf_occlude.scenes.contents import Pool, read_scene
+from zbuf_occlude.scenes.contents import BELONGING, Pool, read_scene, surroundings
 from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL, draw_albedos
-from zbuf_occlude.scenes.sizes import parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import SIZES, Sizes, parse_sizes, size_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import Setup, parse_span
 from zbuf_occlude.views import Views
@@ -61,6 +64,42 @@ def test_joined_keeps_whose_face_is_whose() -> None:
         Scene.joined([])
     with pytest.raises(zo.ArgumentError, match=r"pose of a must be \(4, 4\), finite"):
         Placed(box(), "a", np.zeros((4, 4)))
+
+
+@pytest.mark.parametrize("scene", ["none", "file", "ground", "street", "room"])
+@pytest.mark.parametrize("sensor", ["kinect-v1", "realsense-d435", "cyberware-3030"])
+def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
+    views = zo.views.parse("grid:3x10@15..75")
+    asked = setup(sensor, scene=scene, range=(0.4, 0.4))
+    places = sensor_places(views, 0.3, -0.15, asked, seeds)
+    assert np.allclose(places.eyes, 0.4 / 4.0 * views.eyes)
+    standing = box((0.3, 0.3, 0.3))
+    for view in (0, 29):  # an elevation of 75 degrees, too: nothing stands between it and the target
+        (capture,) = captures(standing, asked, places[[view]], -0.15, seeds, Pool((), {}, scene, seeds("pool", 0)))
+        axis = capture.pose[:3, 0]
+        assert np.allclose(capture.pose[:3, 3], places.eyes[view])
+        assert np.allclose(axis, -places.eyes[view] / 0.4)  # it looks at the target's middle
+
+
+@pytest.mark.parametrize("sensor", ["vlp-16", "mid-40"])
+def test_lidars_are_mounted_above_the_ground(sensor: str) -> None:
+    views = zo.views.parse("grid:3x10@15..75")
+    for height in (None, 2.5):
+        places = sensor_places(
+            views, 0.3, -0.15, setup(sensor, scene="ground", range=(5, 5), sensor_height=height), seeds
+        )
+        assert np.allclose(places.eyes[:, 2], (height or 1.73) - 0.15)
+        assert np.allclose(np.linalg.norm(places.eyes[:, :2], axis=1), 5.0)
+
+
+def test_cameras_below_the_ground_stand_on_it() -> None:
+    views, asked = zo.views.parse("grid:4x2@-60..0"), setup("kinect-v1", scene="room", range=(2.0, 2.0))
+    places = sensor_places(views, 1.0, -0.5, asked, seeds)
+    wanted = 2.0 * np.sin(views.elevation)
+    assert np.allclose(places.eyes[:, 2], np.maximum(wanted, -0.49))
+    assert np.allclose(np.linalg.norm(places.eyes, axis=1), 2.0)
+    assert n_raised(views, places, asked) == (wanted < -0.49).sum() == 6
+    assert n_raised(views, sensor_places(views, 1.0, -0.5, setup(scene="room"), seeds), setup(scene="room")) == 0
 
 
 def test_albedos_are_drawn_of_objects_that_have_none() -> None:
@@ -245,6 +284,7 @@ def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
         ({"keep": "most"}, "one of target, box, all; got 'most'"),
         ({"keep": "box:twist"}, "got 'box:twist'"),
         ({"sensor_height": 2.0}, r"--scene none lacks; got 2\.0"),
+        ({"sensor": "kinect-v1", "scene": "room", "sensor_height": 1.5}, "must be of a LiDAR .* kinect-v1 is a camera"),
     ],
 )
 def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:
@@ -269,10 +309,54 @@ def test_a_sensor_goes_through_a_plan_and_back() -> None:
         assert back.document == document
 
 
-def test_an_empty_pool_has_crates() -> None:
-    pool = Pool(MeshCollection([]), {}, "street", np.random.SeedSequence(0))
-    assert pool(0.5)[1] == "crate"
+def test_a_pool_has_what_it_is_given_and_else_what_is_built_in() -> None:
+    labels = {Pool(MeshCollection([]), {}, "street", np.random.SeedSequence(0))(x)[1] for x in np.linspace(0, 0.99, 20)}
+    assert labels == {"car", "pedestrian", "bicycle", "motorcycle"}
     mesh, label = Pool(SHAPES, {}, "street", np.random.SeedSequence(0))(0.99)
     assert label in shapes.CLASSES
     assert label != "airplane"  # longer than what goes into a street
     assert abs(mesh.bounds[0, 2]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("scene", "belonging", "strange"),
+    [
+        ("street", {"car", "pedestrian", "bicycle", "motorcycle"}, {"bottle", "chair", "lamp"}),
+        ("room", {"bed", "bookshelf", "chair", "lamp", "table"}, {"airplane", "car", "bottle"}),
+    ],
+)
+def test_streets_have_road_users_and_rooms_furniture(scene: str, belonging: set[str], strange: set[str]) -> None:
+    """Of a collection of all classes, and of one of classes that do not belong there."""
+    for entries in (SHAPES, [entry for entry in SHAPES if entry.label in strange]):
+        pool = Pool(surroundings(entries, scene), {}, scene, np.random.SeedSequence(3))
+        assert {pool(x)[1] for x in np.linspace(0.0, 0.999, 60)} == belonging
+
+
+@pytest.mark.parametrize(("scene", "distance"), [("street", 8.0), ("room", 2.0)])
+def test_a_plan_s_scenes_are_as_large_as_they_are_in_the_world(scene: str, distance: float) -> None:
+    """As `generate --scene room --size 0.5` makes them, of all the built-in classes: what stands about the target."""
+    asked = setup("vlp-16", scene=scene, range=(distance, distance), size={"*": 0.5}, keep="all")
+    plan = Plan(SHAPES, Recipe("exact", views="ring:2@20", sample_size=None, scale="mesh", scanning=asked.document))
+    for number in (0, 5):
+        for made in scanned_scenes(plan, number, 0):
+            target, *others = (each for each in made.placed if not each.is_background)
+            assert target.mesh.longest_side == pytest.approx(0.5)
+            assert len(others) > 2
+            for each in others:
+                assert each.mesh.longest_side == pytest.approx({**SIZES, "screen": 1.8}[each.label], rel=1e-3)
+                assert each.label in {*BELONGING[scene], "screen"}
+
+
+@pytest.mark.parametrize("scene", ["street", "room"])
+@pytest.mark.parametrize("sizes", [{}, {"*": 4.6}, {"car": 4.2, "*": 0.3}, "file"])
+def test_one_number_is_the_target_s_size_alone(scene: str, sizes: Sizes) -> None:
+    """All else keeps the size of its class, also where files say their metres: built-in objects have no file."""
+    collection = [replace(entry, label="gizmo") for entry in SHAPES if entry.label == "bottle"]
+    pool = Pool(surroundings(SHAPES[:0], scene), sizes, scene, np.random.SeedSequence(3))
+    for x in np.linspace(0.0, 0.999, 40):
+        mesh, label = pool(x)
+        known = sizes if isinstance(sizes, dict) else {}
+        assert mesh.longest_side == pytest.approx(known.get(label, SIZES[label]), rel=1e-3), label
+    if isinstance(sizes, dict) and "*" in sizes:  # of a class of which nothing else is known
+        assert Pool(collection, sizes, "ground", np.random.SeedSequence(3))(0.0)[0].longest_side == sizes["*"]
+        assert size_of("car", {"*": 4.6}, 1.0) == 4.6

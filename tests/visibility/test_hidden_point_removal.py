@@ -78,6 +78,6 @@ def test_a_point_at_the_eye_is_seen_and_changes_no_other_answer(offset: float) -
 def test_a_missing_system_library_is_an_answer_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(extras.DEBIAN, "libnowhere.so.7", "libnowhere7")
     row = replace(find_method("hidden_point_removal"), libraries=("libnowhere.so.7",))
-    assert row.missing() == "needs libnowhere.so.7 for open3d; on Debian: apt install libnowhere7"
+    assert row.missing() == "needs libnowhere.so.7 for open3d; on Debian: apt-get install libnowhere7"
     with pytest.raises(zo.UnavailableError, match="method 'hidden_point_removal' needs libnowhere"):
         row.load()

@@ -1,5 +1,6 @@
 """`pyrender`: depth at the pixel's centre, agreement, and a process that neither leaks nor hangs."""
 
+import ctypes
 import gc
 import os
 import signal
@@ -176,12 +177,27 @@ def test_the_device_is_the_one_named_for_gl(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only on Linux are the libraries looked for")
 def test_a_missing_library_comes_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_library(name: str) -> None:
-        raise OSError(name)
+    there = ctypes.CDLL
 
-    monkeypatch.setattr("zbuf_occlude.extras.CDLL", no_library)
-    with pytest.raises(zo.UnavailableError, match=r"method 'pyrender' needs libEGL.* apt install libegl1 libgl1-mesa"):
-        zo.prepare(TORUS, "pyrender")
+    def without(*names: str) -> None:
+        def load(name: str) -> ctypes.CDLL:
+            if name in names:
+                raise OSError(name)
+            return there(None)
+
+        monkeypatch.setattr("zbuf_occlude.extras.CDLL", load)
+
+    for lacking, said in (
+        (("libEGL.so.1",), r"needs libEGL.so.1 for pyrender; on Debian: apt-get install libegl1 libgl1-mesa-dri$"),
+        (
+            ("libGL.so.1", "libXrender.so.1"),
+            r"libGL.so.1, libXrender.so.1 .* apt-get install libgl1 libxrender1$",
+        ),
+        (("libXrender.so.1",), r"apt-get install libxrender1$"),
+    ):
+        without(*lacking)
+        with pytest.raises(zo.UnavailableError, match=f"method 'pyrender' .*{said}"):
+            zo.prepare(TORUS, "pyrender")
 
 
 def test_the_process_ends_with_the_one_that_started_it(torus: PyrenderOccluder) -> None:

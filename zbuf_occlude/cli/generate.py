@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
-from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
+from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -229,6 +229,10 @@ def generate_command(
     row.check(plan)
     if setup is not None and setup.range is not None and plan.views.rotations is not None:
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
+    for remark in overruled(setup, plan.views):
+        echo(remark, err=True)
+    if setup is not None and setup.range is not None and given(context, ("distance",)):
+        echo("--range says how far the sensor is: --distance does not count", err=True)
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")

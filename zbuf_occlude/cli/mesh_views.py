@@ -31,11 +31,13 @@ from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_csv, write_ply
 from zbuf_occlude.errors import check_word
 from zbuf_occlude.geometry.cloud import columns_of
+from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visibility.interface import cure_of
 from zbuf_occlude.visible_surface import Coverage
 from zbuf_occlude.visible_surface import coverage as measure_coverage
 
@@ -117,8 +119,10 @@ def visible_command(
     view = camera(box)
     eyes = view.eyes
     warn_inside(box, eyes)
+    if positions is None and "contact" not in options:
+        warn_of_far_faces(box)
     with prepare(asked, method, **options) as occluder:
-        occluder.warns_of_eyes_inside = False
+        occluder.warns = False
         seen = occluder.visible(samples, eyes) & view.shows(samples.positions)
         renderer = occluder.renderer
     cloud, by = samples.select(seen.any(axis=0)), eyes[seen.argmax(axis=0)[seen.any(axis=0)]]
@@ -145,6 +149,7 @@ def write_part(context: click.Context, path: Path, camera: Callable[[Mesh], View
         mesh = load_mesh(path, up=up)
         views = camera(mesh)
         warn_inside(mesh, views.eyes)
+        warn_of_far_faces(mesh)
         warn_of_lenses(views)
         part = visible_mesh(mesh, views.eyes)
     text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # small meshes: small numbers
@@ -164,6 +169,12 @@ def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
     if mesh.in_box(eyes).any():
         cure = "Raise --distance, or place the cameras of --cameras in its unit."
         echo(f"warning: the camera is inside the mesh's bounding box. {cure}", err=True)
+
+
+def warn_of_far_faces(mesh: Mesh) -> None:
+    """Warn of faces so far away that the contact tolerance is large for all others."""
+    if far := far_faces(mesh):
+        echo(f"warning: {far.said(mesh)}. {cure_of(far, mesh)}", err=True)
 
 
 def _write_cloud(

@@ -1,16 +1,17 @@
 """What `generate` says: what it understood of the meshes, what a plan would take, what was made."""
 
 import errno
+import math
 import os
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.cli.shared_options import nearest
 from zbuf_occlude.cli.shell import counted, on
-from zbuf_occlude.dataset.counts import CONFIDENCE
+from zbuf_occlude.dataset.counts import CONFIDENCE, FEW
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, holds, removable
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.plan import Plan
@@ -65,13 +66,50 @@ def lacking(document: dict[str, Any]) -> Iterator[str]:
             f"warning: of {n} of {counted(counts['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
             f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
         )
+    if n := counts.get("meshes_with_far_faces"):
+        yield (
+            f"warning: {counted(n, 'mesh has', 'meshes have')} faces so far from most of the area that the contact "
+            "tolerance is too large, and what hides is missed. Their lines in the log say which; --set contact=X helps."
+        )
     n = counts.get("meshes_without_windows")
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
         names = ", ".join(document["options"]["scanning"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
+    if n := counts.get(f"clouds_of_fewer_than_{FEW}_distinct_points"):
+        total = counts["clouds"]
+        yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"
+    yield from cut_off(document.get("cut_by_range"), document["options"].get("scanning"))
+    if n := counts.get("cameras_raised_above_the_ground"):
+        yield f"warning: {counted(n, 'camera')} would be below the ground, and stand on it. Choose --views from above."
     if n := counts.get("views_inside_the_bounding_box"):
         cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
         yield f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"
+
+
+def named(what: str, reasons: Mapping[str, str]) -> list[str]:
+    """Name the meshes of which there are no clouds, and why, a line each under a heading."""
+    lines = [f"  {key}: {reason}" for key, reason in reasons.items()]
+    return [f"{counted(len(reasons), 'mesh', 'meshes')} {what}:", *lines] if reasons else []
+
+
+def cut_off(cut: Mapping[str, Any] | None, scanning: Mapping[str, Any] | None) -> Iterator[str]:
+    """Warn of objects that reach beyond what their sensor measures; say from which range on they do not."""
+    if not cut or not scanning:
+        return
+    sensor, given = scanning["sensor"]["name"], scanning["sensor"]["imperfections"]
+    least, most = given.get("range_min", 0.0), given.get("range_max", math.inf)
+    if cut["too_near"]:
+        clear = math.ceil(100.0 * cut["clear_range"]) / 100.0
+        cure = f"With --range {clear:g} or more none is." if clear < most else "Give a smaller --size."
+        yield (
+            f"warning: {sensor} measures from {least:g} m: {cut['too_near']:.1%} of the objects' returns are nearer, "
+            f"and lost. {cure}"
+        )
+    if cut["too_far"]:
+        yield (
+            f"warning: {sensor} measures to {most:g} m: {cut['too_far']:.1%} of the objects' returns are farther, "
+            "and lost. Lower --range, or give a smaller --size."
+        )
 
 
 def picture(path: Path) -> str:
@@ -85,7 +123,8 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     names = sorted({name for split in SPLITS for name in files.get(split, [])})
     others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    n_used = counts["meshes"] - counts["meshes_failed"]
+    without = document.get("left_out", {})
+    n_used = counts["meshes"] - counts["meshes_failed"] - len(without)
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
     why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
@@ -104,9 +143,7 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",
     ]
-    if document["failures"]:
-        lines.append(f"{counted(len(document['failures']), 'mesh', 'meshes')} failed:")
-        lines += [f"  {key}: {reason}" for key, reason in document["failures"].items()]
+    lines += named("left out", without) + named("failed", document["failures"])
     return "\n".join(lines)
 
 

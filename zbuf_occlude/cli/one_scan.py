@@ -7,9 +7,11 @@ import click
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.cli.messages import cut_off
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, given, suffix_of, up_option
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -17,7 +19,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
-from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
@@ -44,11 +46,12 @@ def scan_command(
     out: Path,
     **options: Any,
 ) -> None:
-    """Scan the first of MESHES; the others, or else the built-in shapes, are what scenes are filled with.
+    """Scan the first of MESHES; the others, or else built-in ones, are what scenes are filled with.
 
-    Points are metres, the middle of the object's box at the origin, z up. With a ground the sensor stands at its height
-    above it, --range away along the ground; without one it looks at the object from --azimuth and --elevation. Each
-    point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns, time and normal.
+    Points are metres, the middle of the object's box at the origin, z up. A camera looks at the object from --azimuth
+    and --elevation, --range away. So does a LiDAR without a ground; with one it is mounted at its height above that,
+    --range away along the ground. Each point has range, incidence (radians), intensity, ring, column, instance (0: the
+    object), n_returns, time and normal.
 
     \b
     Examples:
@@ -67,7 +70,9 @@ def scan_command(
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
     if setup.height is not None and given(click.get_current_context(), ("elevation",)):
-        raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
+        raise click.UsageError(
+            "--elevation must be of a camera; --sensor-height says how high a LiDAR is above the ground."
+        )
     collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
     check_sizes(setup, collection)
     capture = scan_once(collection, setup, azimuth, elevation, seed)
@@ -79,31 +84,26 @@ def scan_command(
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
-    if not len(found):
-        passing = capture.scene.passing
-        if passing is not None and (passing[capture.scene.instances == 0] == 1.0).all():
-            said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
-        else:
-            said = why_empty(capture.scene, setup.made_sensor, capture.pose, setup.method, setup.keep == "all")
-        echo(f"warning: {said}", err=True)
+    cut = capture.cut
+    warnings = list(cut_off(Counts.of_cut(*cut).cut, setup.document))
+    if not len(found) and (not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns):
+        of_all = setup.keep == "all"
+        why = why_empty(capture, setup.made_sensor, setup.method, of_all)
+        warnings.append(f"warning: nothing of the {'scene' if of_all else 'object'} returns: {why.reason}. {why.cure}")
+    for warning in warnings:
+        echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 
 
 def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
+    """Return the capture of a collection's first mesh; the rest of it, or built-in ones, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
     """
     first = collection[0]
     with Limits().watch():
         loaded = first.load()
-    if len(collection) > 1:
-        others = collection[1:]
-    else:
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        others = shapes.collection()
     mesh, size = in_metres(loaded, first.label, setup)
 
     def seeds(what: str, view: int) -> np.random.SeedSequence:
@@ -115,10 +115,12 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
         places = sensor_places(views, size, floor, setup, seeds)
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
-    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
+    pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.passing is None:
         raise OptionError(no_windows("--transparent", loaded))
+    if n_raised(views, places, setup):
+        echo("warning: the camera would be below the ground, and stands on it. Raise --elevation.", err=True)
     return capture
 
 

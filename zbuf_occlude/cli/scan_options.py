@@ -1,10 +1,12 @@
 """Options of everything that scans: sensor, range, size, scene; and how they become a setup."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
@@ -15,10 +17,11 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import ALL, SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
+from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 
 SCAN_OPTIONS = (
@@ -72,7 +75,7 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--size",
             metavar="CLASS=M,...|M|file",
-            help="Longest sides, metres; file: as in the files.  [default: by class]",
+            help="Longest sides, metres; M: of the objects seen, file: as in the files.  [default: by class]",
         ),
         click.option("--scene", default="none", help=f"{scenes}, or a JSON file."),
         click.option("--hidden", metavar="A..B", help="Share of the object that others hide.  [default: the scene's]"),
@@ -83,7 +86,7 @@ def scan_options(sensor: str) -> Decorator:
             help="Points of the object, in its box (box:shift=0.5,rotate,scale), or all.",
         ),
         click.option("--keep-clean", is_flag=True, help="Store the ranges without noise too."),
-        click.option("--sensor-height", type=float, help="Metres above the ground.  [default: the scene's]"),
+        click.option("--sensor-height", type=float, help="Of a LiDAR, metres above ground.  [default: the scene's]"),
         click.option(
             "--transparent",
             multiple=True,
@@ -141,7 +144,7 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
     """
     if setup is None or isinstance(setup.size, str):
         return
-    known = {*collection.classes, *SIZES, "*"}
+    known = {*collection.classes, *SIZES, ALL}
     if unknown := [label for label in setup.size if label not in known]:
         raise OptionError(
             f"--size must be of classes that there are, {', '.join(collection.classes)}; got {unknown[0]}."
@@ -158,6 +161,17 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
     large = [f"{label} ({size / 2:g} m)" for label, size in sizes.items() if setup.range[0] <= size / 2]
     if large:
         echo(f"scanned from outside them only, half their size away or more: {', '.join(large)}", err=True)
+
+
+def overruled(setup: Setup | None, views: Views) -> Iterator[str]:
+    """Say what of the views does not count: where a LiDAR is mounted above the ground, and how far the sensor is."""
+    if setup is None or views.rotations is not None:
+        return
+    name = setup.made_sensor.name
+    if setup.height is not None and (np.abs(views.elevation) > 1e-9).any():
+        places = len(np.unique(np.round(np.exp(1j * views.azimuth), 9)))
+        same = f"; {len(views)} views look from {places} sides" if places < len(views) else ""
+        yield f"{name} is mounted {setup.height:g} m above the ground: elevations of --views do not count{same}"
 
 
 def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:

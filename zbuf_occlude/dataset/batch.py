@@ -22,7 +22,7 @@ import numpy as np
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.counts import Counts
+from zbuf_occlude.dataset.counts import Blank, Counts
 from zbuf_occlude.dataset.folder import GROUPS, WORK, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.packed import Archive, archive_name
@@ -67,6 +67,7 @@ class Outcome:
     counts: Counts = field(default_factory=Counts)
     failures: Mapping[str, str] = field(default_factory=dict)  # reasons
     given_up: Mapping[str, Limits] = field(default_factory=dict)  # of failures by limits, or that ended workers
+    blank: Mapping[str, Blank] = field(default_factory=dict)  # what is known of views without a cloud
     origins: Mapping[str, Origin] = field(default_factory=dict)  # what every mesh was made of
     renderers: list[str] = field(default_factory=list)
     seconds: float = 0.0  # that making it took
@@ -86,6 +87,7 @@ class Outcome:
             counts=sum((part.counts for part in parts), Counts()),
             failures={key: reason for part in parts for key, reason in part.failures.items()},
             given_up={key: limits for part in parts for key, limits in part.given_up.items()},
+            blank={key: blank for part in parts for key, blank in part.blank.items()},
             origins={key: origin for part in parts for key, origin in part.origins.items()},
             renderers=sorted({renderer for part in parts for renderer in part.renderers}),
             seconds=sum(part.seconds for part in parts),
@@ -123,6 +125,7 @@ class Outcome:
         read: dict[str, Any] = {
             "counts": Counts.from_document(document["counts"]),
             "given_up": {key: Limits(*limits) for key, limits in document["given_up"].items()},
+            "blank": {key: Blank(*each) for key, each in document["blank"].items()},
             "origins": {key: Origin.from_document(each) for key, each in document["origins"].items()},
             "files": {split: [Named(*file) for file in of_split] for split, of_split in document["files"].items()},
             "pieces": {int(file): Piece(*piece) for file, piece in document["pieces"].items()},
@@ -180,19 +183,29 @@ def new_store(plan: Plan) -> Clouds | Archive:
     return Archive(plan) if plan.format == PACKED else Clouds(plan)
 
 
-def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> tuple[Counts, str, Origin]:
-    """Make all clouds of a mesh, and put them into a store; return what was counted, the renderer, and its origin.
+class MadeMesh(NamedTuple):
+    """What came of a mesh whose clouds were made."""
+
+    counts: Counts
+    renderer: str
+    origin: Origin
+    blank: Blank | None  # None where all views have a cloud
+
+
+def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> MadeMesh:
+    """Make all clouds of a mesh, and put them into a store.
 
     The store is left as it was where MeshError or ArgumentError says that the mesh cannot be used.
     """
     entry = plan.meshes[mesh_id]
     mesh = entry.load()
-    counts, renderer, kept = count_mesh(mesh, plan.recipe), "none", list[Any]()
+    counts, renderer, kept, blank = count_mesh(mesh, plan.recipe), "none", list[Any](), list[tuple[int, int, str]]()
     for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
         counts, renderer = counts + sampling.counts, sampling.renderer
         kept.append(store.keep(sampling, entry.key, variation))
+        blank += [(variation, view, why) for view, why in sampling.blank.items()]
     store.add(mesh_id, mesh, kept)
-    return counts, renderer, mesh.origin
+    return MadeMesh(counts, renderer, mesh.origin, Blank(len(blank), *min(blank)) if blank else None)
 
 
 def make_batch(
@@ -210,7 +223,7 @@ def make_batch(
     is begun, and with None before the batch is written.
     """
     began = time.perf_counter()
-    store, counts, renderer, n_clouds = new_store(plan), Counts(), "none", Counter[str]()
+    store, counts, renderer, n_clouds, blank = new_store(plan), Counts(), "none", Counter[str](), dict[str, Blank]()
     failures, origins, mesh_ids = dict[str, str](), dict[str, Origin](), plan.batches[number].mesh_ids
     for mesh_id in mesh_ids:
         entry = plan.meshes[mesh_id]
@@ -218,11 +231,12 @@ def make_batch(
         try:
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id].reason)
-            of_mesh, renderer, origins[entry.key] = make_mesh(plan, mesh_id, gl, store)
+            of_mesh, renderer, origins[entry.key], without = make_mesh(plan, mesh_id, gl, store)
         except (MeshError, ArgumentError) as error:  # options were tried before: it is the mesh's numbers
             failures[entry.key], origins[entry.key] = str(error), entry.origin_of_failure()
             continue
         counts += of_mesh
+        blank |= {} if without is None else {entry.key: without}
         n_clouds[entry.split] += of_mesh.n_clouds
     on_mesh(None)
     files, contents, pieces, begin = dict[str, list[Named]](), dict[int, list[memoryview]](), dict[int, Piece](), 0
@@ -240,6 +254,7 @@ def make_batch(
         counts=counts,
         failures=failures,
         given_up={plan.meshes[i].key: lost[i].limits for i in mesh_ids if i in lost},
+        blank=blank,
         origins=origins,
         renderers=[renderer] if renderer != "none" else [],
         seconds=time.perf_counter() - began,

@@ -9,6 +9,23 @@ import numpy as np
 BAD_VIEW = 0.01
 """A view of whose checked points a larger share is wrong counts as a bad one."""
 CONFIDENCE = 0.95
+FEW = 16
+"""A cloud of fewer distinct points shows hardly anything of its object."""
+
+
+class Blank(NamedTuple):
+    """The views of a mesh that give no cloud: how many, and of the first which it is and why."""
+
+    n_views: int
+    variation: int
+    view: int
+    reason: str
+
+    @property
+    def said(self) -> str:
+        """Which view, and why, in words."""
+        of = f" of variation {self.variation}" if self.variation else ""
+        return f"view {self.view}{of}: {self.reason}"
 
 
 class WorstView(NamedTuple):
@@ -34,7 +51,13 @@ class Counts:
     n_clouds: int = 0
     n_blind_views: int = 0  # views that see nothing, and give no cloud
     n_inside: int = 0  # cameras inside the bounding box of their mesh
+    n_raised: int = 0  # cameras that would stand below the ground
     n_with_repeats: int = 0  # clouds with fewer visible points than they hold
+    n_few: int = 0  # clouds of fewer than `FEW` distinct visible points
+    n_returns: int = 0  # of the objects that are scanned, within the sensor's limits of range or not
+    n_too_near: int = 0  # of them those nearer than the sensor measures
+    n_too_far: int = 0
+    clear_range: float = 0.0  # metres, from which on none would be too near
     n_checked: int = 0  # pairs of view and point asked again of the oracle
     false_visible: int = 0  # of them those that a method shows and the oracle hides
     false_hidden: int = 0
@@ -45,6 +68,7 @@ class Counts:
     n_stacked: int = 0  # of them those that have one nearer than the method's tolerance
     most_stacked: WorstMesh | None = None
     n_without_colors: int = 0  # meshes of which colours are wanted and some are lacking
+    n_with_far_faces: int = 0  # meshes of which a few faces make the contact tolerance large for all others
     n_without_windows: int = 0  # meshes that have none of the windows asked for
     faces_dropped: Mapping[str, int] = field(default_factory=dict)  # by cleaning, for each reason
 
@@ -55,6 +79,8 @@ class Counts:
             mine, theirs = getattr(self, name), getattr(other, name)
             if name in ("worst", "most_stacked"):
                 added[name] = max(filter(None, (mine, theirs)), key=lambda each: each.share, default=None)
+            elif name == "clear_range":
+                added[name] = max(mine, theirs)
             elif name == "faces_dropped":
                 added[name] = {reason: mine.get(reason, 0) + theirs.get(reason, 0) for reason in {**mine, **theirs}}
             else:
@@ -65,6 +91,11 @@ class Counts:
     def document(self) -> dict[str, Any]:
         """Plain data, for JSON."""
         return asdict(self)
+
+    @classmethod
+    def of_cut(cls, n_returns: int, n_near: int, n_far: int, clear_range: float) -> "Counts":
+        """Count what limits of range cut off one scan (`sensors.capture.Cut`)."""
+        return cls(n_returns=n_returns, n_too_near=n_near, n_too_far=n_far, clear_range=clear_range)
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Counts":
@@ -86,6 +117,14 @@ class Counts:
             "bad_views": self.n_bad_views / n_views if n_views else None,
             "worst_view": None if self.worst is None else self.worst._asdict(),
         }
+
+    @property
+    def cut(self) -> dict[str, Any] | None:
+        """What the sensor's limits of range took from the objects; None where nothing was scanned."""
+        if not self.n_returns:
+            return None
+        shares = {name: getattr(self, f"n_{name}") / self.n_returns for name in ("too_near", "too_far")}
+        return {"returns": self.n_returns, **shares, "clear_range": self.clear_range or None}
 
     @property
     def stacked(self) -> dict[str, Any] | None:

@@ -28,6 +28,7 @@ from zbuf_occlude.dataset.batch import (
     read_outcome,
     worth_another_try,
 )
+from zbuf_occlude.dataset.counts import FEW
 from zbuf_occlude.dataset.export import export_here, frame_in_words, stored_plan
 from zbuf_occlude.dataset.folder import (
     CONTACT_SHEET,
@@ -339,14 +340,9 @@ def _nothing_made(plan: Plan, whole: Outcome) -> str:
     setup = plan.recipe.setup
     if whole.failures:
         why = next(iter(whole.failures.values()))
-    elif setup is None:
-        why = "its views see nothing. Choose other --views."
     else:
-        sensor = setup.made_sensor
-        reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
-        if sensor.imperfections.incidence_max < 90.0:
-            reach += f", up to {sensor.imperfections.incidence_max:g} degrees of incidence"
-        why = f"its views see nothing; {sensor.name} measures at {reach}. Choose --views, --range and --size by that."
+        blank = next(iter(whole.blank.values()))
+        why = f"{blank.said}. Choose other --views" + (", --range or --size." if setup else ".")
     return f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: {why}"
 
 
@@ -357,7 +353,8 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
     oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
     in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` says what each mesh was made of,
     ``stacked`` how much of the surface has another sheet nearer than the method's tolerance, ``tries`` what was there
-    of those that failed, and the limits they had.
+    of those that failed, and the limits they had. ``blank_views`` has the meshes of which views give no cloud,
+    ``left_out`` those without any, ``cut_by_range`` the shares of the objects' returns beyond the sensor's limits.
     """
     counts = whole.counts
     return {
@@ -378,9 +375,12 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
             "clouds": counts.n_clouds,
             "views_that_see_nothing": counts.n_blind_views,
             "views_inside_the_bounding_box": counts.n_inside,
+            "cameras_raised_above_the_ground": counts.n_raised,
             "clouds_with_repeated_points": counts.n_with_repeats,
+            f"clouds_of_fewer_than_{FEW}_distinct_points": counts.n_few,
             "faces_dropped": dict(counts.faces_dropped),
             "meshes_without_colors": counts.n_without_colors,
+            "meshes_with_far_faces": counts.n_with_far_faces,
             "meshes_without_windows": counts.n_without_windows,
         },
         "failures": dict(whole.failures),
@@ -391,6 +391,9 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
             }
             for key in whole.failures
         },
+        "blank_views": {key: blank._asdict() for key, blank in whole.blank.items()},
+        "left_out": {key: blank.said for key, blank in whole.blank.items() if blank.n_views == plan.clouds_per_mesh},
+        "cut_by_range": counts.cut,
         "origins": {key: origin.document for key, origin in whole.made.items()},
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
         "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,

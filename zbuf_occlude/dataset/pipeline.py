@@ -1,19 +1,21 @@
 """The flow for one mesh: surface points -> views -> visibility mask; or places of a sensor -> first hits."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstMesh, WorstView
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, Counts, WorstMesh, WorstView
 from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
 from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import of_one_sign, volumes
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
@@ -22,13 +24,14 @@ from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
-from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.casting import cast, prepare_scene
+from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT
+from zbuf_occlude.visibility.interface import CONTACT, cure_of
 
 CHECKED_POINTS = 64
 """At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
@@ -41,6 +44,9 @@ CHECKED_SCANS = 4
 
 SHEET_POINTS = 1024
 """Points of a mesh that are looked at for another sheet: its share is known to 3 %, for about a millisecond."""
+
+IN_ONE_PLACE = "all points that it sees are in one place"
+"""Why a cloud is none: centred and scaled it would be the origin alone."""
 
 SCAN_ARRAYS = {
     "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
@@ -60,6 +66,7 @@ class Sampling(NamedTuple):
     views: Views  # k, world units
     counts: Counts  # of its clouds, and of what was asked again of the oracle
     renderer: str  # "none" without OpenGL
+    blank: Mapping[int, str] = MappingProxyType({})  # views without a cloud, and why
 
 
 def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
@@ -80,7 +87,7 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
         if not recipe.complete:
             options = dict(recipe.method_options or {})
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **options))
-            occluder.warns_of_eyes_inside = False  # the manifest counts them
+            occluder.warns = False  # the manifest counts them
             renderer = occluder.renderer
         for variation in range(recipe.variations):
             points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), Counts()
@@ -96,16 +103,29 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
             if views.windows is not None:
                 mask = mask & views.shows(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
-            yield Sampling(points, mask, views, counts + count_clouds(n_visible, recipe), renderer)
+            n_distinct, blank = n_visible.copy(), dict[int, str]()
+            for view in np.flatnonzero(n_visible < FEW).tolist():
+                n_distinct[view] = count_distinct(points.positions[mask[view]])
+                if n_distinct[view] < 2:
+                    blank[view] = "it sees none of the points" if n_visible[view] == 0 else IN_ONE_PLACE
+                    mask[view], n_visible[view] = False, 0
+            yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, recipe), renderer, blank)
 
 
-def count_clouds(n_visible: NDArray[np.intp], recipe: Recipe) -> Counts:
-    """Count the clouds of views that see `n_visible` (k,) points."""
+def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: Recipe) -> Counts:
+    """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more."""
     return Counts(
         n_clouds=int((n_visible > 0).sum()),
         n_blind_views=int((n_visible == 0).sum()),
         n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
+        n_few=int(((n_visible > 0) & (n_distinct < FEW)).sum()),
     )
+
+
+def count_distinct(positions: FloatArray) -> int:
+    """Count the distinct among some positions (n, 3), or `FEW` where as many are among the first."""
+    first = len(np.unique(positions[: 4 * FEW], axis=0))
+    return first if first >= FEW or len(positions) <= 4 * FEW else len(np.unique(positions, axis=0))
 
 
 def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
@@ -124,13 +144,22 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
 
 
 def count_mesh(mesh: Mesh, recipe: Recipe) -> Counts:
-    """Count what cleaning dropped, and whether wanted colours or windows are lacking; the log says which."""
+    """Count what cleaning dropped, far faces, and whether wanted colours or windows are lacking; the log says which."""
     lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
     shares = {} if recipe.setup is None else recipe.setup.transparent
     opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).passing.any())
-    return Counts(faces_dropped=mesh.dropped, n_without_colors=int(lacking), n_without_windows=int(opaque))
+    keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
+    far = far_faces(mesh) if keeps_contact else None
+    if far is not None:
+        _LOG.warning("%s. %s", far.said(mesh), cure_of(far, mesh))
+    return Counts(
+        faces_dropped=mesh.dropped,
+        n_without_colors=int(lacking),
+        n_without_windows=int(opaque),
+        n_with_far_faces=int(far is not None),
+    )
 
 
 def check(
@@ -151,7 +180,7 @@ def check(
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
-        oracle.warns_of_eyes_inside = False
+        oracle.warns = False
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)
@@ -177,21 +206,33 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = _places(mesh, size, floor, setup, plan, key, seeds)
+        raised = Counts(n_raised=n_raised(plan.views_of(key), places, setup))
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)
-            yield Sampling(whole, mask, places, count_clouds(mask.sum(axis=1), recipe), "none")
+            n_visible = mask.sum(axis=1)
+            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, recipe), "none")
             continue
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
-        found, counts, renderer = list[tuple[Scan, dict[str, Any]]](), Counts(), "none"
+        found, counts, renderer, blank = list[tuple[Scan, dict[str, Any]]](), raised, "none", dict[int, str]()
+        n_distinct = np.empty(len(places), np.intp)
         for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer
             if number in checked and len(capture.scan):
                 counts += _check_rays(capture, rng, key, variation, number)
             facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
-            found.append((capture.scan, facts | _boxes(capture, label, recipe)))
+            facts |= _boxes(capture, label, recipe)
+            scan = capture.scan
+            counts += Counts.of_cut(*capture.cut)
+            n_distinct[number] = count_distinct(scan.positions)
+            if n_distinct[number] < 2:
+                sensor = setup.sensor_of(places, number)
+                of_all = setup.keep == "all"
+                blank[number] = IN_ONE_PLACE if len(scan) else why_empty(capture, sensor, setup.method, of_all).reason
+                scan = scan.select(np.empty(0, np.intp))
+            found.append((scan, facts))
         scans = [scan for scan, _ in found]
         face_ids = np.concatenate([np.where(scan.instances == 0, scan.face_ids, -1) for scan in scans])
         points = ScanPoints(
@@ -206,8 +247,9 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
         )
         lengths = np.array([len(scan) for scan in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
-        counts += count_clouds(lengths, recipe) + Counts(n_inside=int(standing.in_box(places.eyes).sum()))
-        yield Sampling(points, mask, places, counts, renderer)
+        counts += count_clouds(lengths, n_distinct, recipe)
+        counts += Counts(n_inside=int(standing.in_box(places.eyes).sum()))
+        yield Sampling(points, mask, places, counts, renderer, blank)
 
 
 def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key: str, seeds: Seeds) -> Views:

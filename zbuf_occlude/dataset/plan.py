@@ -23,7 +23,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.provenance import seed_of
-from zbuf_occlude.scenes.contents import Pool
+from zbuf_occlude.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
@@ -39,7 +39,7 @@ BOXES = "boxes"
 """The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 8
+DATA_VERSION = 9
 """Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a full file, unless they are whole scans."""
@@ -408,7 +408,7 @@ class Plan:
         """Objects that scenes are filled with; the same in every worker."""
         setup = self.recipe.setup
         given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
-        return Pool(self.meshes, *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
+        return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
 
     @cached_property
     def document(self) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,9 @@ from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import UP, load_mesh
-from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
-from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, Sizes, size_of
-from zbuf_occlude.shapes import ROAD_USERS, road_user
+from zbuf_occlude.scenes.sizes import LEAST, MOST, SIZES, Sizes, plain, size_beside
+from zbuf_occlude.shapes import ROAD_USERS, make, road_user
 
 FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
 NUMBERS = {
@@ -34,6 +34,24 @@ MOST_FACES = 30_000
 """Of one of them."""
 MOST_METRES = {"street": 7.0, "room": 2.2}
 """Longer ones do not go into these scenes."""
+BELONGING = {
+    "street": (
+        *("bicycle", "bus", "car", "motorbike", "motorcycle", "pedestrian", "person", "tractor", "trailer", "truck"),
+        "van",
+    ),
+    "room": (
+        *("ashcan", "basket", "bed", "bench", "bookcase", "bookshelf", "cabinet", "chair", "couch", "desk"),
+        *("dishwasher", "dresser", "file_cabinet", "flower_pot", "lamp", "loudspeaker", "mantel", "night_stand"),
+        *("piano", "plant", "sofa", "speaker", "stool", "stove", "table", "toilet", "trash_bin", "tv_stand"),
+        *("wardrobe", "washer"),
+    ),
+}
+"""Classes of a collection that scenes are filled with: road users, furniture."""
+BUILT_IN = {
+    "street": {"car": 4, "pedestrian": 1, "bicycle": 1, "motorcycle": 1},
+    "room": {"bed": 1, "bookshelf": 2, "chair": 3, "lamp": 2, "table": 2},
+}
+"""Built-in objects, so many of each class that the collection lacks."""
 
 
 def read_scene(path: Path) -> list[dict[str, Any]]:
@@ -111,7 +129,7 @@ def placed_of(
             mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
         else:
             mesh = road_user(label)
-        size = given.get("size", size_of(label, FILE, mesh.longest_side))
+        size = given.get("size", mesh.longest_side)
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
         drive = {name: given[name] for name in ("velocity", "turn") if name in given}
@@ -125,6 +143,26 @@ def standing(mesh: Mesh, size: float) -> Mesh:
     return mesh.transformed(1.0, (-centre[0], -centre[1], -low[2])).transformed(size / mesh.longest_side)
 
 
+def surroundings(entries: Sequence[MeshEntry], scene: str) -> list[MeshEntry]:
+    """Return what a scene is filled with: built-in objects, and those of a collection that belong there.
+
+    `scene` is a name of `zbuf_occlude.scenes.kinds.KINDS`; there is nothing in one that is not filled.
+    """
+    fitting = [entry for entry in entries if plain(entry.label) in BELONGING.get(scene, ())]
+    labels = {plain(entry.label) for entry in fitting}
+    return fitting + [
+        MeshEntry(f"built-in/{label}/{number}", label, "train", partial(_built_in, label, number))
+        for label, count in BUILT_IN.get(scene, {}).items()
+        if label not in labels
+        for number in range(count)
+    ]
+
+
+def _built_in(label: str, number: int) -> Mesh:
+    """Return a road user or a member of a family, in metres."""
+    return road_user(label) if label in ROAD_USERS else standing(make(label, number), SIZES[label])
+
+
 class Pool:
     """Some objects of a collection, by a number in [0, 1). The same collection and seed give the same.
 
@@ -132,8 +170,9 @@ class Pool:
     ----------
     entries : sequence of MeshEntry
         Those that cannot be loaded, have no size, or are too long or detailed are passed over; with none left there
-        are crates.
+        are built-in ones.
     sizes : Sizes
+        One number for all classes is the target's; here it counts only for classes without another.
     scene : str
         A name of `zbuf_occlude.scenes.kinds.KINDS`.
     seed : SeedSequence
@@ -151,26 +190,28 @@ class Pool:
     ) -> None:
         order = np.random.default_rng(seed).permutation(len(entries))
         self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
+        self._rest = surroundings((), scene)
         self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
-        self._made: dict[int, tuple[Mesh, str] | None] = {}
+        self._made: dict[str, tuple[Mesh, str] | None] = {}
 
     def __call__(self, number: float) -> tuple[Mesh, str]:
         """Return an object: a mesh that stands on z = 0, in metres, and its class."""
-        n = len(self._entries)
-        for i in range(n):
-            if (found := self._object((int(number * n) + i) % n)) is not None:
-                return found
-        return box_mesh(1.2, 0.8, 1.0), "crate"
+        for entries in (self._entries, self._rest):
+            n = len(entries)
+            for i in range(n):
+                if (found := self._object(entries[(int(number * n) + i) % n])) is not None:
+                    return found
+        raise OptionError("a scene that is filled must have objects for it; there are none. Give some surroundings.")
 
-    def _object(self, i: int) -> tuple[Mesh, str] | None:
-        if i not in self._made:
-            self._made[i] = None
-            entry = self._entries[i]
+    def _object(self, entry: MeshEntry) -> tuple[Mesh, str] | None:
+        key = entry.key
+        if key not in self._made:
+            self._made[key] = None
             try:
                 mesh = entry.load().transparent(self._transparent)
-                size = size_of(entry.label, self._sizes, mesh.longest_side)
+                size = size_beside(entry.label, self._sizes, mesh.longest_side)
             except (MeshError, OptionError):
                 return None
             if mesh.longest_side > 0 and len(mesh.faces) <= MOST_FACES and size <= self._most:
-                self._made[i] = standing(mesh, size), entry.label
-        return self._made[i]
+                self._made[key] = standing(mesh, size), entry.label
+        return self._made[key]

@@ -139,7 +139,7 @@ class Kind:
     arrange : callable
         Puts objects around a target.
     sensor_height : float or None
-        Metres above the ground; None: the sensor stands where the view says, and there is no ground.
+        Metres of a LiDAR above the ground; None: there is no ground.
     share : (float, float) or None
         Hidden of the target unless asked otherwise; None: nothing is put before it.
     most : int
@@ -157,10 +157,10 @@ class Kind:
 KINDS: tuple[Kind, ...] = (
     Kind("none", "the target alone", none),
     Kind("ground", "the target on a plane", ground, 1.73, most=2),
-    Kind("street", "ground, objects of the collection, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
+    Kind("street", "ground, road users, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
     Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
 )
-"""The sensor's heights: HDL-64E's on KITTI's car; assumed of a room."""
+"""The LiDAR's heights: HDL-64E's on KITTI's car; assumed of a room."""
 
 
 def _hidden_by(asked: Asked, rng: np.random.Generator, last: Mesh, label: str) -> tuple[float, list[Placed]]:
@@ -171,6 +171,8 @@ def _hidden_by(asked: Asked, rng: np.random.Generator, last: Mesh, label: str) -
         return 0.0, []
     distance = float(np.linalg.norm(asked.eye[:2]))
     size = _radius(asked.target.vertices)
+    if distance <= size:  # nothing can stand between a target and a camera above it
+        return wanted, []
     best: tuple[float, list[Placed]] = (1.0, [])
     for number in range(TRIES + 1):
         mesh, name = (last, label) if number == TRIES else asked.pool(rng.random())

@@ -29,6 +29,9 @@ SOURCE = "assumed: typical of everyday objects of the class"
 FILE = "file"
 """The word for sizes that the files have already, in metres."""
 
+ALL = "*"
+"""The word for one number for all classes."""
+
 LEAST, MOST = 1e-3, 1e5
 """Metres that an object may have: from a grain to a mountain range. Ranges are micrometres at best."""
 
@@ -58,7 +61,7 @@ def parse_sizes(text: str) -> Sizes:
                 f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,...; "
                 f"got {part!r} in {text!r}."
             )
-        sizes[label.strip() or "*"] = size
+        sizes[label.strip() or ALL] = size
     return sizes
 
 
@@ -80,10 +83,28 @@ def size_of(label: str, sizes: Sizes, longest_side: float) -> float:
     """
     if isinstance(sizes, str):
         return longest_side
-    plain = label.strip().lower().replace(" ", "_").replace("-", "_")
-    for table, name in ((sizes, label), (sizes, "*"), (SIZES, plain)):
+    return _found(label, (sizes, label), (sizes, ALL), (SIZES, plain(label)))
+
+
+def size_beside(label: str, sizes: Sizes, longest_side: float) -> float:
+    """Return the metres of an object that stands beside a target: one number for all classes is the target's.
+
+    It counts only where nothing is known of the class; else this is as `size_of`.
+    """
+    if isinstance(sizes, str):
+        return longest_side
+    return _found(label, (sizes, label), (SIZES, plain(label)), (sizes, ALL))
+
+
+def _found(label: str, *places: tuple[Mapping[str, float], str]) -> float:
+    for table, name in places:
         if name in table:
             return table[name]
     raise OptionError(
         f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or --size file."
     )
+
+
+def plain(label: str) -> str:
+    """Return a class's name as tables have it: small letters, words joined by underscores."""
+    return label.strip().lower().replace(" ", "_").replace("-", "_")

@@ -223,7 +223,7 @@ class BopWriter:
         moved = np.eye(4)
         moved[:3, 3] = middle
         alone = opened.enter_context(prepare(own, self._method, **self._options))
-        alone.warns_of_eyes_inside = False
+        alone.warns = False
         obj_id = self._model_of(Mesh((mesh.vertices - middle) * MILLIMETRES, mesh.faces, mesh.name))
         return _Object(i, obj_id, pose @ moved, own.bounds, alone)
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.contents import placed_of
 from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Arranged, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
+from zbuf_occlude.sensors.scanning import Scan, faultless, imperfect, look_at, measured_ranges, pose_of_camera
+from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import Occluder
@@ -29,7 +32,18 @@ ENLARGED = 1.1
 """A box that is kept has sides this many times the target's."""
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
+LOWEST = 0.01
+"""Metres that a camera is above the ground, at least."""
 _NOWHERE = np.empty((0, 3))
+
+
+class Cut(NamedTuple):
+    """What a sensor's limits of range cut off a target, of one scan."""
+
+    n_returns: int = 0  # of the target, within the limits or not
+    n_near: int = 0  # of them those nearer than the sensor measures
+    n_far: int = 0
+    clear_range: float = 0.0  # metres: from this `--range` on nothing of the target is too near; 0 where nothing is
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +54,8 @@ class Capture:
     ----------
     scan : Scan
         What is kept of it; world space: metres, the middle of the target's box at the origin.
+    returns : Scan
+        All returns before the sensor's limits, losses and noise.
     scene : Scene
         What the rays met; of `keep` other than "all" only what may stand near them.
     occluder : Occluder
@@ -50,15 +66,19 @@ class Capture:
         Share of the target that was to be hidden by others, and that is, by the mask.
     reached : bool
         Whether `hidden` is within 2 percent of the range asked for; True where none was.
+    cut : Cut
+        What the sensor's limits of range took from the target.
     """
 
     scan: Scan
+    returns: Scan
     scene: Scene
     occluder: Occluder
     pose: FloatArray
     wanted: float = 0.0
     hidden: float = 0.0
     reached: bool = True
+    cut: Cut = field(default_factory=Cut)
 
 
 def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
@@ -75,7 +95,8 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
     Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
-    count. Of a range that begins within the target, what lies outside it is taken.
+    count for LiDARs; other cameras that would stand below it are raised. Of a range that begins within the target, what
+    lies outside it is taken.
     """
     if views.rotations is not None:
         return views
@@ -88,12 +109,21 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     if setup.height is not None:
         up = floor + setup.height
         elevation, distance = np.arctan2(up, lengths), np.hypot(up, lengths)
+    elif setup.kind.sensor_height is not None:
+        elevation = np.maximum(elevation, np.arcsin(np.clip((floor + LOWEST) / lengths, -1.0, 1.0)))
     if (lengths <= size / 2).any():
         option = "--distance" if setup.range is None else "--range"
         raise MeshError(
             f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise {option}."
         )
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
+
+
+def n_raised(views: Views, places: Views, setup: Setup) -> int:
+    """Count the cameras of some views that `sensor_places` has raised above the ground."""
+    if views.rotations is not None or setup.height is not None:
+        return 0
+    return int((places.elevation > views.elevation).sum())
 
 
 def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
@@ -106,18 +136,20 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
     with prepare_scene(itself, setup.method) as alone:
 
         def captured(scene: Scene, occluder: Occluder, view: int) -> Capture:
-            found = scan(
+            sensor, pose = setup.sensor_of(places, view), poses[view]
+            returns = faultless(
                 scene,
-                setup.sensor_of(places, view),
-                poses[view],
-                seed=seeds("scan", view),
+                sensor,
+                pose[:3, :3],
+                pose[:3, 3],
                 occluder=occluder,
                 towards=_region(mesh, setup),
                 target=alone if setup.keep == "target" and occluder is not alone else None,
                 motion=setup.made_motion,
             )
+            found = imperfect(returns, sensor, generator(seeds("scan", view)))
             kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
-            return Capture(found.select(kept), scene, occluder, poses[view])
+            return Capture(found.select(kept), returns, scene, occluder, pose, cut=_cut(returns, sensor, mesh, pose))
 
         if setup.share is not None or setup.objects:  # others may hide some of the target
             points, showing = _showing(itself, alone, places, setup, seeds)
@@ -238,6 +270,18 @@ def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> 
             angle = np.arccos(np.clip(-to_it @ eye / (away * distance), -1.0, 1.0))
             near[number] = angle <= half_angle + np.arcsin(radius / away)
     return near
+
+
+def _cut(returns: Scan, sensor: Sensor, mesh: Mesh, pose: FloatArray) -> Cut:
+    """Measure what the limits of range cut off a target, of all `returns` before them."""
+    faults = sensor.imperfections
+    measured = measured_ranges(returns, faults)[returns.instances == 0]
+    n_near, n_far = int((measured < faults.range_min).sum()), int((measured > faults.range_max).sum())
+    if not n_near:
+        return Cut(len(measured), 0, n_far)
+    axis, at = pose[:3, 0], pose[:3, 3]  # the range is along the axis, on the ground or towards the target's middle
+    nearest = float(((mesh.vertices - at) @ axis).min())  # no range is less than the depth
+    return Cut(len(measured), n_near, n_far, faults.range_min - float(at @ axis) - nearest)
 
 
 def _kept(found: Scan, mesh: Mesh, setup: Setup, rng: np.random.Generator) -> BoolArray:

@@ -27,7 +27,9 @@ def prepare_scene(scene: Scene, method: str, **options: Any) -> Occluder:
     OptionError, UnavailableError, GlError
         As `zbuf_occlude.prepare`.
     """
-    return prepare(scene.mesh, method, **options) if scene.is_plain else SceneInParts(scene, method, **options)
+    occluder = prepare(scene.mesh, method, **options) if scene.is_plain else SceneInParts(scene, method, **options)
+    occluder.contact_given = True  # a ray has no contact tolerance
+    return occluder
 
 
 class _Part(NamedTuple):

@@ -342,7 +342,12 @@ ROWS: tuple[SensorRow, ...] = (
         {
             **_from(_SHEET, width=848, height=480),
             "fov": (90.0, "degrees, Intel's, as in rotors_gazebo"),
-            **_from(_SHEET, range_min=0.3, range_max=10.0),
+            "range_min": (
+                round(424.0 * 0.05 / 126, 3),
+                "f B / 126 (0.17 m at 848 x 480), the pixels that its matcher searches: Grunnet-Jepsen, Sweetser, "
+                "Woodfill (Intel), Tuning depth cameras for best performance",
+            ),
+            "range_max": (10.0, _SHEET),
             "sigma_growth": (
                 0.1 / (424.0 * 0.05),
                 "z^2 s / (f B): s .1 pixel, f 424 pixels, B 50 mm, as in rotors_gazebo",

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,19 +19,17 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
-from zbuf_occlude.sensors.casting import SceneInParts, cast, prepare_scene, turned_with
+from zbuf_occlude.sensors.casting import SceneInParts, prepare_scene, turned_with
 from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.echoes import cast_beams, echoes_of, square_to, unit_vectors
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import METHODS, check_keywords, find_method
-from zbuf_occlude.visibility.interface import FirstHits, Occluder
+from zbuf_occlude.visibility.interface import Occluder
 
 CASTERS = ("exact", "embree", "oracle")
 """Who casts rays unless a method is named: the first of these that can here."""
-_CROSS = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-_SPREAD = 0.5
-"""How far along both axes a beam's four outer rays go, of its half angle: 0.7 of its radius."""
 EDGE = 0.05
 """Neighbouring pixels whose depths differ by more than this share lie on an edge."""
 ROUGHNESS = 0.5
@@ -278,6 +276,25 @@ def scan(
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     matrix = np.eye(4) if pose is None else as_rigid(pose, "pose")
     rotation, origin = matrix[:3, :3], matrix[:3, 3]
+    asked: dict[str, Any] = {"motion": motion, "occluder": occluder, "towards": towards, "target": target, **options}
+    rng = generator(seed)
+    return imperfect(faultless(scene, sensor, rotation, origin, method=method, **asked), sensor, rng)
+
+
+def faultless(
+    scene: Scene,
+    sensor: Sensor,
+    rotation: FloatArray,
+    origin: FloatArray,
+    *,
+    motion: Motion | None = None,
+    method: str | None = None,
+    occluder: Occluder | None = None,
+    towards: ArrayLike | None = None,
+    target: Occluder | None = None,
+    **options: Any,
+) -> Scan:
+    """Return all returns of a scan before limits, losses and noise (`imperfect`); the rest is as of `scan`."""
     rays = at_rest = sensor.rays()
     if motion is not None and not isinstance(motion, Motion):
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
@@ -288,18 +305,18 @@ def scan(
         if untimed and motion is not None:
             raise OptionError(untimed)
         if untimed and occluder is None:
-            warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
+            warnings.warn(f"objects that move stand still: {untimed}", stacklevel=3)
     if motion is not None:
         if occluder is None and (said := motion.unlike(at_rest)):
-            warnings.warn(f"{said}.", stacklevel=2)
+            warnings.warn(f"{said}.", stacklevel=3)
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
         corners = as_vectors(towards, "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
-        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
+        alone = (cast_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    rng, name = generator(seed), method or default_caster()
+    name = method or default_caster()
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
@@ -308,7 +325,7 @@ def scan(
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
-    return imperfect(returns, sensor, rng)
+    return returns
 
 
 def no_windows(option: str, mesh: Mesh) -> str:
@@ -408,8 +425,8 @@ def _returns(
 ) -> tuple[Scan, NDArray[np.intp]]:
     """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
-    hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
-    found = _echoes(hits, sensor.imperfections, scene.passing)
+    hits = cast_beams(occluder, rays, rotation, origin, sensor.imperfections)
+    found = echoes_of(hits, sensor.imperfections, scene.passing)
     offsets = _offsets(rays, rotation)
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
@@ -422,7 +439,7 @@ def _returns(
     met, face_ids, ranges = found.rays, found.face_ids, found.ranges
     directions, instances = directions[met], scene.instances[face_ids]
     times = np.zeros(len(met)) if rays.times is None else rays.times[met]
-    normals = turned_with(scene, instances, times, _unit(scene.mesh.face_normals[face_ids]))
+    normals = turned_with(scene, instances, times, unit_vectors(scene.mesh.face_normals[face_ids]))
     cosines = -np.einsum("ij,ij->i", normals, directions)
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
@@ -480,7 +497,7 @@ def _seen_twice(
 ) -> BoolArray:
     """Which points (n,) that were met from `starts` a second eye of the sensor sees too, from the same side."""
     faults, seen = sensor.imperfections, np.zeros(len(points), dtype=bool)
-    normals = _unit(mesh.face_normals[face_ids])
+    normals = unit_vectors(mesh.face_normals[face_ids])
     side = np.einsum("ij,ij->i", normals, starts - points)
     least = np.cos(np.radians(faults.baseline_incidence_max if faults.noise else 90.0))
     for baseline in faults.second_eyes:
@@ -526,129 +543,6 @@ def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> Bo
         mask = occluder.visible(points.select(mine), unique[first : first + EYES_AT_A_TIME])
         seen[mine] = mask[eye_of[begin:end] - first, np.arange(len(mine))]
     return seen
-
-
-class _Echoes(NamedTuple):
-    """Returns of beams, in the order of the rays, those of one beam the nearest first; (m,) each."""
-
-    rays: NDArray[np.intp]
-    face_ids: IntArray
-    ranges: FloatArray
-    n_returns: IntArray
-    numbers: IntArray
-    shares: FloatArray
-    lights: FloatArray  # of the light of its rays what meets it and comes back through what is before it
-
-    def select(self, which: NDArray[Any]) -> "_Echoes":
-        """Return those that a mask or indices pick."""
-        return _Echoes._make(each[which] for each in self)
-
-
-def _light(hits: FirstHits, passing: FloatArray) -> tuple[FirstHits, FloatArray, FloatArray]:
-    """Return hits (n, r, l), the share of a ray's light that meets each, and what comes back of it.
-
-    A face that lets the share T pass is met by the share 1 - T of the light that reaches it. On its way back light
-    loses as much again.
-    """
-    through = np.where(hits.face_ids >= 0, passing[hits.face_ids], 1.0)
-    reaching = np.concatenate([np.ones_like(through[..., :1]), np.cumprod(through[..., :-1], axis=2)], axis=2)
-    meeting = reaching * (1.0 - through)
-    lit = meeting > 0.0
-    hits = FirstHits(np.where(lit, hits.face_ids, -1), np.where(lit, hits.distances, np.inf))
-    return hits, meeting, meeting * reaching
-
-
-def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> _Echoes:
-    """Return what comes back of each beam of r rays that met l faces each, (n, r, l): near surfaces run together.
-
-    Of what is apart one is kept, or all; a return's share is that of the beam's light that met it. `passing` (f,) is
-    the share that faces let pass.
-    """
-    n_beams, n_rays, n_layers = hits.face_ids.shape
-    light: list[Any] = []
-    if passing is not None:
-        hits, *light = _light(hits, passing)
-    elif n_rays == n_layers == 1:
-        some = np.flatnonzero(hits.face_ids[:, 0, 0] >= 0)
-        ones, wholes = np.ones(len(some), dtype=np.int32), np.ones(len(some))
-        return _Echoes(some, hits.face_ids[some, 0, 0], hits.distances[some, 0, 0], ones, ones, wholes, wholes)
-    flat = [each.reshape(n_beams, n_rays * n_layers) for each in (*hits, *light)]
-    order = np.argsort(flat[1], axis=1, kind="stable")
-    # (5, n): numpy is slow along short rows
-    faces, ranges, *light = (np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T) for each in flat)
-    meeting, returning = light or (1.0, 1.0)
-    ray_of = order.T // n_layers
-    met = faces >= 0
-    with np.errstate(invalid="ignore"):
-        apart = np.diff(ranges, axis=0) > (faults.echo_separation if faults.noise else 0.0)
-    echo = np.zeros(ranges.shape, dtype=np.int32)
-    np.cumsum(apart & met[1:], axis=0, out=echo[1:])
-    n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0).astype(np.int32)
-    numbers = range(max(int(n_returns.max(initial=0)), 1))
-    energy = np.where(met, returning / np.where(met, ranges, 1.0) ** 2, 0.0)
-    if faults.returns == "first":
-        kept = [np.zeros(ranges.shape[1], dtype=int)]
-    elif faults.returns == "last":
-        kept = [np.maximum(n_returns - 1, 0)]
-    elif faults.returns == "all":
-        kept = [np.full(ranges.shape[1], number) for number in numbers]
-    else:
-        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in numbers]).argmax(axis=0)]
-    parts = []
-    for chosen in kept:
-        mine = met & (echo == chosen)
-        weights = np.where(mine, energy, 0.0)
-        total = weights.sum(axis=0)
-        moments = (weights * np.where(met, ranges, 0.0)).sum(axis=0)
-        mean = np.divide(moments, total, out=np.full(len(total), np.inf), where=total > 0)
-        with np.errstate(invalid="ignore"):
-            best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
-        rays = np.flatnonzero(total > 0)
-        face_ids, return_numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
-        n_met = mine.sum(axis=0)
-        if n_layers > 1:  # a ray that meets a pane and what stands just behind it counts once
-            n_met = np.sum([(mine & (ray_of == number)).any(axis=0) for number in range(n_rays)], axis=0)
-        met_by, back = ((mine * each).sum(axis=0) if light else n_met for each in (meeting, returning))
-        shares, lights = met_by[rays] / n_rays, back[rays] / n_met[rays]
-        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], return_numbers, shares, lights))
-    if len(parts) == 1:
-        return parts[0]
-    whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True))
-    return whole.select(np.argsort(whole.rays, kind="stable"))
-
-
-def _beams(
-    occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: Imperfections
-) -> FirstHits:
-    """What each beam's rays meet, (n, 5, l), or (n, 1, l) without divergence; l is 1 where all faces are opaque."""
-    by_ring = np.argsort(rays.rings, kind="stable")  # neighbours follow each other: up to twenty times as fast to cast
-    directions = rays.directions[by_ring] @ rotation.T
-    if faults.divergence == 0.0 or faults.noise == 0.0:
-        beams = directions[:, None]
-    else:
-        across, upwards = _square_to(directions)
-        spread = _SPREAD * faults.divergence / 2.0
-        beams = np.empty((len(directions), len(_CROSS), 3))
-        for number, (x, y) in enumerate(_CROSS):
-            beams[:, number] = directions + spread * (x * across + y * upwards)
-    starts = origin[None]
-    if rays.origins is not None:
-        starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
-    times = None if rays.times is None else np.repeat(rays.times[by_ring], beams.shape[1])
-    face_ids, distances = cast(occluder, starts, beams.reshape(-1, 3), times)
-    shape, back = (*beams.shape[:2], face_ids.shape[1]), np.empty_like(by_ring)
-    back[by_ring] = np.arange(len(by_ring))
-    return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny))
-
-
-def _square_to(directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (n, 3) square to each of some directions (n, 3) and to each other."""
-    across = _unit(np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)]))
-    return across, np.cross(directions, across)
 
 
 def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
@@ -728,9 +622,9 @@ def blurred(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
         return scan
     angle = np.minimum(scan.incidences, STEEPEST)
     sigma = (offset + slope * angle / (np.pi / 2 - angle)) * sensor.imperfections.noise / sensor.pixels
-    across, upwards = _square_to(scan.directions)
+    across, upwards = square_to(scan.directions)
     shift = rng.standard_normal((len(scan), 1)) * across + rng.standard_normal((len(scan), 1)) * upwards
-    return replace(scan, directions=_unit(scan.directions + sigma[:, None] * shift))
+    return replace(scan, directions=unit_vectors(scan.directions + sigma[:, None] * shift))
 
 
 def quantised(scan: Scan, faults: Imperfections) -> Scan:
@@ -765,5 +659,5 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
 
 
 def measured_ranges(scan: Scan, faults: Imperfections) -> FloatArray:
-    """What the sensor measures, without noise: ranges, or of an axial sensor depths."""
+    """Return what the sensor measures (n,), without noise: ranges, or of an axial sensor depths."""
     return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges

@@ -462,6 +462,11 @@ class Sensor:
         return self._rays
 
     @property
+    def is_camera(self) -> bool:
+        """Whether it is held before its target, as a picture is taken; a LiDAR is mounted on something."""
+        return self.kind in ("pinhole", "linear")
+
+    @property
     def untimed(self) -> str:
         """What to say where all rays are cast at once, so that motion changes nothing; else empty."""
         if self.rays().times is not None:

@@ -49,7 +49,7 @@ class Setup:
     keep_clean : bool
         Keep the ranges without noise too.
     sensor_height : float or None
-        Metres above the ground; None: the scene's own.
+        Metres of a LiDAR above the ground; None: the scene's own. Cameras stand where the views say.
     method : str
         Who casts the rays.
     transparent : mapping of str to float or None
@@ -95,6 +95,11 @@ class Setup:
             raise OptionError(
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
+            )
+        if self.sensor_height is not None and self.made_sensor.is_camera:
+            raise OptionError(
+                f"--sensor-height must be of a LiDAR above the ground; {self.made_sensor.name} is a camera, which is "
+                "where --views (or --elevation) and --range say. Leave it out."
             )
         if not isinstance(self.transparent, Mapping):
             raise ArgumentError(
@@ -181,7 +186,9 @@ class Setup:
 
     @property
     def height(self) -> float | None:
-        """Of the sensor above the ground, metres; None where there is none."""
+        """Of a LiDAR above the ground, metres; None of cameras, and where there is no ground."""
+        if self.made_sensor.is_camera:
+            return None
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
 
 

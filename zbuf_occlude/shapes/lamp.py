@@ -22,7 +22,7 @@ from zbuf_occlude.shapes.kit import (
     tube,
 )
 
-SHADES = ("drum", "empire", "coolie", "bell", "pleated", "square", "sides", "dome")
+SHADES = ("drum", "empire", "cone", "bell", "pleated", "square", "sides", "dome")
 
 
 def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> MeshPart:
@@ -31,7 +31,7 @@ def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -
     Cloth has no thickness; some shades are lined.
     """
     n, kind, k = draw.round(30), draw.pick(kinds), draw.between(0.85, 1.1)
-    top = k * {"drum": 0.95, "empire": 0.6, "coolie": 0.22, "pleated": 0.65, "square": 0.7, "sides": 0.6}.get(kind, 0.4)
+    top = k * {"drum": 0.95, "empire": 0.6, "cone": 0.22, "pleated": 0.65, "square": 0.7, "sides": 0.6}.get(kind, 0.4)
     if kind == "bell":
         skin = revolve(smooth([(r, 0), (0.78 * r, 0.3 * h), (0.62 * r, 0.65 * h), (0.45 * r, h)], draw.round(12)), n)
     elif kind == "dome":
@@ -220,7 +220,7 @@ def _arc(draw: Draw) -> MeshPart:
     h, reach, end = draw.between(1.3, 2.1), draw.between(0.5, 1.5), draw.between(0.65, 0.92)
     knots = [(0, 0, 0), (0.03, 0, 0.45 * h), (0.25 * reach, 0, 0.9 * h), (0.62 * reach, 0, h), (reach, 0, end * h)]
     curve, wide = smooth(knots, draw.round(26)), draw.between(0.1, 0.28)
-    head = lampshade(draw, wide, wide * draw.between(0.5, 1.4), ("dome", "dome", "drum", "empire", "coolie"))
+    head = lampshade(draw, wide, wide * draw.between(0.5, 1.4), ("dome", "dome", "drum", "empire", "cone"))
     block = cylinder(draw.between(0.12, 0.24), 0, draw.between(0.03, 0.14), draw.round(24))
     drop = float(np.ptp(head.points[:, 2]))
     lamp = join([block, tube(curve, draw.between(0.01, 0.02), draw.round(8)), head.at(reach, 0, end * h - drop)])
@@ -267,7 +267,7 @@ def _pendant(draw: Draw) -> MeshPart:
     parts.append(cylinder(0.02, -0.06, 0.02, 10))
     if kind in ("shade", "dome"):
         high = wide * draw.between(0.5, 1.7)
-        kinds = ("dome",) if kind == "dome" else ("drum", "empire", "coolie", "bell", "pleated", "sides")
+        kinds = ("dome",) if kind == "dome" else ("drum", "empire", "cone", "bell", "pleated", "sides")
         parts.append(lampshade(draw, wide, high, kinds).at(z=-high))
     elif kind == "globe":
         parts.append(ellipsoid((0, 0, -wide), (wide, wide, wide * draw.between(0.5, 1.3)), n))

@@ -66,7 +66,7 @@ METHODS = Methods(
             "zbuf_occlude.visibility.pyrender:prepare",
             extra="pyrender",
             requires="pyrender",
-            libraries=("libEGL.so.1",),
+            libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
             no_first_hits="its pixels lie where its camera has them, not where the rays go",
         ),
         Method(
@@ -186,10 +186,10 @@ def prepare(
         if len(mesh) == 0:
             raise ArgumentError("a point cloud must have points; this one has none.")
         mesh = box_around(mesh.positions)
-    if not row.needs_gl:
-        return factory(mesh, **options)
-    if gl is None:
+    if row.needs_gl and gl is None:
         from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
 
         gl = GlContext.of_thread()
-    return factory(mesh, gl=gl, **options)
+    occluder: Occluder = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
+    occluder.contact_given = "contact" in options
+    return occluder

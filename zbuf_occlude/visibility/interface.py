@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
 from zbuf_occlude.extras import importing, missing
+from zbuf_occlude.geometry.far_faces import FarFaces, far_faces
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -37,6 +38,15 @@ EYES_INSIDE = (
     "views.around(mesh.centre, mesh.longest_side)."
 )
 """What `Occluder.visible` warns of."""
+
+
+def cure_of(far: FarFaces, mesh: Mesh) -> str:
+    """Say what far faces do to the contact tolerance, and what to do."""
+    return (
+        f"They make the contact tolerance {CONTACT * mesh.diagonal / far.size:.2g} of the others' size, so that what "
+        f"hides is missed. Remove them, or give contact={CONTACT * far.size / mesh.diagonal:.2g} to `exact` or another "
+        "method that has it."
+    )
 
 
 class FirstHits(NamedTuple):
@@ -63,8 +73,10 @@ class Occluder(ABC):
     """GL_RENDERER of what answers; "none" where no GL is involved."""
     tolerance = 0.0
     """How near to each other, in world units, sheets are taken for one beyond the contact tolerance; 0: never."""
-    warns_of_eyes_inside = True
-    """Whether `visible` warns of eyes inside the bounding box."""
+    warns = True
+    """Whether `visible` warns of eyes inside the bounding box, and of far faces (`geometry.far_faces`)."""
+    contact_given = False
+    """Whether the caller chose the contact tolerance, so that far faces are no reason to warn."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
@@ -126,10 +138,14 @@ class Occluder(ABC):
             )
         if len(eyes) == 0 or len(points) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
-        if self.warns_of_eyes_inside and len(near := eyes[self.mesh.in_box(eyes)]):
+        if self.warns and len(near := eyes[self.mesh.in_box(eyes)]):
             low, high = points.positions.min(axis=0), points.positions.max(axis=0)  # of a scene its target, perhaps
             if ((near > low) & (near < high)).all(axis=1).any():
                 warnings.warn(EYES_INSIDE, stacklevel=2)
+        if self.warns and not self.contact_given:
+            self.contact_given = True  # once is enough
+            if far := far_faces(self.mesh):
+                warnings.warn(f"{far.said(self.mesh)}. {cure_of(far, self.mesh)}", stacklevel=2)
         return self._visible(points, eyes)
 
     @abstractmethod

@@ -51,7 +51,7 @@ def test_what_it_refuses() -> None:
     with pytest.raises(zo.ArgumentError, match="a mesh must have vertices and faces; got int"):
         OnTheFlyScan(10)(3, "car")
     far = OnTheFlyScan(10, sensor="pinhole:width=2,height=2,fov=60", range=(900.0, 900.0), method="embree")
-    with pytest.raises(zo.MeshError, match="a mesh must be met by a ray; none met car_0001 from 8 places"):
+    with pytest.raises(zo.MeshError, match="car_0001 did not from 8 places: no ray of pinhole meets it"):
         far(CAR, "car")
     glass = SurfaceColors((Material((1.0, 1.0, 1.0), name="glass"),), np.zeros(len(CAR.faces), np.int32))
     clear = zo.Mesh(CAR.vertices, CAR.faces, "pane", colors=glass)

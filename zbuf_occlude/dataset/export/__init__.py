@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.counts import Blank
 from zbuf_occlude.dataset.folder import (
     CONTACT_SHEET,
     EXPORT_NAMES,
@@ -40,13 +41,19 @@ from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.meshes.collection import SPLITS
 from zbuf_occlude.meshes.load import SUFFIXES
 
+UNSEEN = "not all its views see it"
+
 
 class Exported(NamedTuple):
-    """What an export wrote: of each split, the names of its files and how many clouds they hold; other counts."""
+    """What an export wrote: of each split, the names of its files and how many clouds they hold; other counts.
+
+    `left_out` says of meshes, by index, why they are not in it, though they have clouds.
+    """
 
     files: dict[str, list[str]]
     n_clouds: dict[str, int]
     counts: Mapping[str, int] = MappingProxyType({})
+    left_out: Mapping[int, str] = MappingProxyType({})
 
 
 def stored_plan(plan: Plan) -> Plan:
@@ -88,7 +95,18 @@ def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dic
     files = {split: of_split for split, of_split in exported.files.items() if exported.n_clouds[split]}
     by_split = {split: exported.n_clouds[split] for split in files}
     counts = {**about["counts"], **exported.counts, "clouds_by_split": by_split}
-    about = {**about, "classes": plan.classes, **frame_in_words(plan), "counts": counts}
+    blank = about.get("blank_views", {})  # manifests of older versions do not have it
+    left_out = {plan.meshes[mesh_id].key: why for mesh_id, why in exported.left_out.items()}
+    left_out |= {key: Blank(**blank[key]).said for key, why in left_out.items() if why == UNSEEN and key in blank}
+    unknown = [entry.key for entry in plan.meshes if entry.label not in plan.classes]
+    left_out |= dict.fromkeys(unknown, f"{plan.format} has no label for its class")
+    about = {
+        **about,
+        "classes": plan.classes,
+        **frame_in_words(plan),
+        "counts": counts,
+        "left_out": {**about.get("left_out", {}), **left_out},
+    }
     return _finish(plan, source, out, about, files, sha256)
 
 
@@ -321,6 +339,13 @@ def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Number
         _, object_of, n_seeing = np.unique(ids[numbers]["mesh_id"], return_inverse=True, return_counts=True)
         found[split] = numbers[n_seeing[object_of] == per_object].reshape(-1, per_object)[:, :n_kept]
     return found
+
+
+def incomplete(source: Source) -> dict[int, str]:
+    """Return the meshes that `whole_objects` leaves out, by index, and why."""
+    numbers = np.concatenate(list(source.order.values()))
+    mesh_ids, n_seeing = np.unique(source.ids()["mesh_id"][numbers], return_counts=True)
+    return dict.fromkeys(mesh_ids[n_seeing < source.plan.clouds_per_mesh].tolist(), UNSEEN)
 
 
 class Rest:

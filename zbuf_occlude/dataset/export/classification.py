@@ -8,7 +8,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported, Layout, Rest, names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, Layout, Rest, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
@@ -77,7 +77,7 @@ def export_modelnet40_c(source: Source, out: Path) -> Exported:
                 arrays[view][places[mine] // n_views] = whole["data"][mine]
         np.save(out / f"{folder}label.npy", labels)
         files[split], n_clouds[split] = [*names, f"{folder}label.npy", rest.name], numbers.size
-    return Exported(files, n_clouds)
+    return Exported(files, n_clouds, left_out=incomplete(source))
 
 
 def export_modelnet_o(source: Source, out: Path) -> Exported:

@@ -14,6 +14,7 @@ from zbuf_occlude.dataset.export import (
     Names,
     Rest,
     check_one_frame,
+    incomplete,
     names_of,
     whole_objects,
 )
@@ -131,7 +132,7 @@ def export_shapenet55(source: Source, out: Path) -> Exported:
         atomic.write_lines(out / f"{split}.txt", [Path(name).name for name in written])
         files[split], n_clouds[split] = [*written, rest.name], len(written)
     _write_synsets(out, source.plan, names)
-    return Exported(files, n_clouds)
+    return Exported(files, n_clouds, left_out=incomplete(source))
 
 
 def export_mvp(source: Source, out: Path) -> Exported:
@@ -166,7 +167,7 @@ def export_mvp(source: Source, out: Path) -> Exported:
         _link(out / older[0], name, ("incomplete_pcds", "labels"))
         _link(out / older[1], name, ("complete_pcds",))
         files[split], n_clouds[split] = [name, rest.name, *older], numbers.size
-    return Exported(files, n_clouds)
+    return Exported(files, n_clouds, left_out=incomplete(source))
 
 
 def _export_pairs(
@@ -200,7 +201,7 @@ def _export_pairs(
                 files[split].append(name)
         files[split].append(rest.name)
         n_clouds[split] = numbers.size
-    return Exported(files, n_clouds), mesh_ids
+    return Exported(files, n_clouds, left_out=incomplete(source)), mesh_ids
 
 
 def _write_index(path: Path, plan: Plan, names: Names, mesh_ids: dict[str, list[int]]) -> None:

@@ -62,7 +62,8 @@ def export(source: Source, out: Path) -> Exported:
     paul007pl/MVP_Benchmark, registration/dataset.py, MVP_RG, and its README: rotations up to 45 degrees and any at 4:1.
     """
     plan, files, n_pairs, n_without = source.plan, dict[str, list[str]](), dict[str, int](), 0
-    size = plan.recipe.equal_size
+    size, (low, high) = plan.recipe.equal_size, _range_of(plan.recipe)
+    left_out = dict.fromkeys(source.ids()["mesh_id"].tolist(), f"no two views have an overlap of {low:g} to {high:g}")
     ids = source.ids()
     for split, numbers in source.order.items():
         name, n_pairs[split] = f"MVP_{split.capitalize()}_RG.h5", 0
@@ -77,6 +78,8 @@ def export(source: Source, out: Path) -> Exported:
             for mesh_id, variation in np.unique(ids[numbers][["mesh_id", "variation"]]).tolist():
                 rows = list(_rows_of(source, mesh_id, variation))
                 n_without += not rows
+                if rows:
+                    left_out.pop(mesh_id, None)
                 first, n_pairs[split] = n_pairs[split], n_pairs[split] + len(rows)
                 for field, array in arrays.items():
                     array.resize(n_pairs[split], axis=0)
@@ -86,12 +89,11 @@ def export(source: Source, out: Path) -> Exported:
                     matches.create_dataset(str(number), data=row["match_id"], track_times=False)
         files[split] = [name]
     if not any(n_pairs.values()):
-        low, high = _range_of(plan.recipe)
         raise DatasetError(
             f"at least one pair must have an overlap of {low:g} to {high:g}; none has. Choose more --views, nearer to "
             "each other, or another --overlap."
         )
-    return Exported(files, n_pairs, {"objects_without_pairs": n_without})
+    return Exported(files, n_pairs, {"objects_without_pairs": n_without}, left_out)
 
 
 def _fields(size: int) -> dict[str, tuple[str, tuple[int, ...]]]:

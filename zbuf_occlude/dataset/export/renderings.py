@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported, Layout, check_as_they_are, names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, Layout, check_as_they_are, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.pipeline import scanned_scenes
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.source import Source
@@ -46,7 +46,7 @@ def export_frames(source: Source, out: Path) -> Exported:
             written = frame_files(out / paths[-1], frames, unit)
             files[split] += [f"{paths[-1]}/{each}" for each in written]
     atomic.write_json(out / PATHS, paths)
-    return Exported(files, n_clouds)
+    return Exported(files, n_clouds, left_out=incomplete(source))
 
 
 def records_of(source: Source, numbers: Numbers) -> Iterator[Any]:
@@ -115,7 +115,7 @@ def export_bop(source: Source, out: Path) -> Exported:
     of_all = writer.finish()
     for split in names:
         names[split] = [name for name in of_all if name.startswith(f"{split}/")]
-    return Exported(names, n_clouds)
+    return Exported(names, n_clouds, left_out=incomplete(source))
 
 
 def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
@@ -128,7 +128,7 @@ def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Sc
             if scene is not last or occluder is None:
                 opened.close()
                 last, occluder = scene, opened.enter_context(prepare(scene.mesh, method))
-                occluder.warns_of_eyes_inside = False
+                occluder.warns = False
             noisy = frame_of(source.plan, record)
             clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
             yield scene, replace(clean, colors=noisy.colors), noisy.depth

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported, names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
@@ -76,7 +76,7 @@ def export(source: Source, out: Path) -> Exported:
                 )
             files[split] += [f"{folder}/{name}.npz" for name in ("gt", *(f"input_{view}" for view in range(n_views)))]
         atomic.write_lines(out / f"{split}.txt", folders)
-    return Exported(files, n_clouds)
+    return Exported(files, n_clouds, left_out=incomplete(source))
 
 
 def complete_distances(mesh: Mesh, grid: VisibilityGrid) -> NDArray[np.float32]:

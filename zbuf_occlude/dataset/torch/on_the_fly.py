@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.dataset.pipeline import IN_ONE_PLACE, count_distinct
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import colors_of, draw, fit
 from zbuf_occlude.dataset.torch.tensors import TensorMesh, is_dense, is_followed, place_of
@@ -26,6 +27,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views
@@ -261,7 +263,7 @@ class _Subject:
                 break
         for parts in found:
             rows = np.concatenate(parts)
-            if len(rows):
+            if len(rows) >= min(2, wanted):  # centred and scaled, one point would be the origin
                 self._clouds.append(rows[draw(np.arange(len(rows)), wanted, rng)])
 
 
@@ -380,7 +382,7 @@ class OnTheFlyScan:
     numbers : mapping, optional
         Of the sensor to be changed, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
-        What scenes are filled with; crates without it.
+        What scenes are filled with; built-in road users or furniture without it.
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     **setup
@@ -398,7 +400,7 @@ class OnTheFlyScan:
     -----
     Called with a `Mesh` or a ``trimesh.Trimesh`` and its class, from which its size comes; returns an (n_points, 3)
     float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A scene may hide
-    all but a point of an object; `hidden` says how much it may hide.
+    all but two points of an object; `hidden` says how much it may hide.
     """
 
     def __init__(
@@ -459,13 +461,17 @@ class OnTheFlyScan:
             places = sensor_places(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
-            if len(seen):
+            if count_distinct(capture.scan.positions) > 1:  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
                 if self.scale == "cloud":
                     centre, factor = fit(positions)
                     positions = (positions - centre) * factor
                 return torch.from_numpy(positions.astype(np.float32))
-        raise MeshError(f"a mesh must be met by a ray; none met {mesh.name} from {ROUNDS} places. Lower the range.")
+        sensor, method = self.setup.made_sensor, self.setup.method
+        why = IN_ONE_PLACE if len(seen) else why_empty(capture, sensor, method, self.setup.keep == "all").reason
+        raise MeshError(
+            f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."
+        )
 
 
 def _seed(number: int, what: str, view: int) -> np.random.SeedSequence:

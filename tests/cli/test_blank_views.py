@@ -1,0 +1,92 @@
+"""Clouds that show next to nothing, and objects without any: counted, and named with the view and the reason."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run, write_off
+from tests.scenes import ACROSS, HALVES, box
+
+ALONE = "--views ring:1@0 --size file --method exact --sample-size 8 --workers 1"
+PINHOLE = "--sensor pinhole:width=60,height=60,fov=90 --set-sensor range_min=0.8"
+
+
+def manifest(out: Path) -> dict[str, Any]:
+    return dict(json.loads((out / "manifest.json").read_text()))
+
+
+def rays(path: Path, azimuths: np.ndarray) -> None:
+    path.write_text("azimuth,elevation\n" + "".join(f"{float(azimuth)},0\n" for azimuth in azimuths))
+
+
+@pytest.mark.parametrize(("n", "n_few"), [(2, 1), (15, 1), (16, 0), (17, 0)])
+def test_clouds_of_a_few_points_are_counted(run: Run, tmp_path: Path, n: int, n_few: int) -> None:
+    """Of a plate that every ray meets: a point per ray, 100 times each, so that only distinct ones tell."""
+    write_off(tmp_path / "plate.off", ACROSS, HALVES)
+    rays(tmp_path / "rays.csv", np.repeat(np.linspace(-2, 2, n), 100))
+    outcome = run(f"generate plate.off --sensor rays.csv --range 5 {ALONE} --out out")
+    counts = manifest(tmp_path / "out")["counts"]
+    assert (counts["clouds"], counts["clouds_of_fewer_than_16_distinct_points"]) == (1, n_few)
+    assert ("1 of 1 cloud show fewer than 16 distinct points" in outcome.out) == bool(n_few)
+
+
+def test_points_in_one_place_are_no_cloud(run: Run, tmp_path: Path) -> None:
+    write_off(tmp_path / "plate.off", ACROSS, HALVES)
+    rays(tmp_path / "rays.csv", np.zeros(300))
+    run(f"generate plate.off --sensor rays.csv --range 5 {ALONE} --out out", code=1, says="in one place")
+    run(f"generate plate.off --points 1 {ALONE.replace('--size file', '')} --out one", code=1, says="in one place")
+
+
+def test_a_sensor_s_least_range_cuts_an_object(run: Run, tmp_path: Path) -> None:
+    """Of a cube of side 1 seen straight on, all that is seen is half a metre before its middle."""
+    cube = box()
+    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
+    said = run(f"generate cube.off {PINHOLE} --range 1.25..1.299 {ALONE} --out none", code=1).err
+    assert "view 0: all of it that rays meet is too near for pinhole, which measures at 0.8 to inf m" in said
+    for scanned, warned in (("1.29", True), ("1.3", False)):
+        said = run(f"scan cube.off {PINHOLE} --size file --range {scanned} --out cube.ply").err
+        assert ("100.0% of the objects' returns are nearer, and lost. With --range 1.3 or more none" in said) is warned
+    outcome = run(f"generate cube.off {PINHOLE} --range 1.1 --views ring:2@30 {ALONE[17:]} --out cut")
+    cut = manifest(tmp_path / "cut")["cut_by_range"]
+    # the nearest edge is an edge of the upper face, seen from 30 degrees: x = z = 1/2
+    assert cut["clear_range"] == pytest.approx(0.8 + (np.cos(np.pi / 6) + np.sin(np.pi / 6)) / 2)
+    assert 0.5 < cut["too_near"] < 1.0
+    assert f"{cut['too_near']:.1%} of the objects' returns are nearer, and lost. With --range 1.49" in outcome.out
+    clear = run(f"generate cube.off {PINHOLE} --range 1.49 --views ring:2@30 {ALONE[17:]} --out clear")
+    assert manifest(tmp_path / "clear")["cut_by_range"]["too_near"] == 0.0
+    assert "nearer" not in clear.out
+
+
+def test_objects_that_a_layout_leaves_out_are_named(run: Run, tmp_path: Path) -> None:
+    """A plate's edge is met by no ray, from two of four sides."""
+    cube = box()
+    write_off(tmp_path / "meshes" / "a" / "cube.off", cube.vertices, cube.faces)
+    write_off(tmp_path / "meshes" / "b" / "plate.off", ACROSS, HALVES)
+    of_views = "--views ring:4@0 --size file --method exact --workers 1 --set-sensor noise=0"
+    line = (
+        f"generate meshes --sensor pinhole:width=40,height=40,fov=60 --range 3 {of_views} --format frames --out frames"
+    )
+    outcome = run(line)
+    left_out = manifest(tmp_path / "frames")["left_out"]
+    assert left_out == {"b/plate.off": "view 1: no ray of pinhole meets it"}
+    assert "1 mesh left out:\n  b/plate.off: view 1: no ray of pinhole meets it" in outcome.out
+    assert "of 1 mesh, " in outcome.out
+    assert manifest(tmp_path / "frames")["blank_views"]["b/plate.off"]["n_views"] == 2
+
+
+def test_an_object_without_any_cloud_is_named_in_every_format(run: Run, tmp_path: Path) -> None:
+    """The cube's side is within the sensor's limit, the plate across its middle is not."""
+    cube = box()
+    write_off(tmp_path / "meshes" / "a" / "cube.off", cube.vertices, cube.faces)
+    write_off(tmp_path / "meshes" / "b" / "plate.off", ACROSS, HALVES)
+    flat = "--sensor pinhole:width=9,height=9,fov=20 --range 2 --views ring:1@0 --method exact --workers 1"
+    outcome = run(f"generate meshes {flat} --size a=1,b=3.9 --set-sensor range_max=1.9 --sample-size 8 --out out")
+    left_out = manifest(tmp_path / "out")["left_out"]
+    assert list(left_out) == ["b/plate.off"]
+    assert left_out["b/plate.off"].startswith("view 0: all of it that rays meet is too far for pinhole")
+    assert "1 mesh left out:\n  b/plate.off: view 0" in outcome.out
+    run("convert out --format npz --out npz")
+    assert manifest(tmp_path / "npz")["left_out"] == left_out
