@@ -1,5 +1,6 @@
 """Files of meshes, of any of the formats read here, and files of points without faces."""
 
+import logging
 import os
 import re
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words, printable
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf
@@ -16,10 +17,12 @@ from zbuf_occlude.meshes.looks import Look
 from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
 from zbuf_occlude.meshes.obj import read_obj, read_obj_look
 from zbuf_occlude.meshes.off import read_off
-from zbuf_occlude.meshes.ply import read_ply, read_ply_look, read_ply_points
+from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_look, read_ply_points
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
 from zbuf_occlude.provenance import Origin
+
+_LOG = logging.getLogger(__name__)
 
 READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".off": read_off,
@@ -116,6 +119,7 @@ def load_mesh(
                 polygons, look = read_gltf(data, files, colors=colors)
             else:
                 polygons = READERS[suffix](data)
+                _warn_of_foreign_lines(path, data)
                 if colors and suffix in _LOOKS:
                     look = _LOOKS[suffix](data, polygons, files)
             mesh_name = path.stem if name is None else name
@@ -144,9 +148,11 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
     if suffix not in _CLOUD_SUFFIXES:
         return None
     try:
-        positions = read_ply_points(content_of(path)) if suffix == ".ply" else _table(path, suffix)
+        content = content_of(path) if suffix == ".ply" else b""
+        positions = read_ply_points(content) if suffix == ".ply" else _table(path, suffix)
         if positions is None:
             return None
+        _warn_of_foreign_lines(path, content)
         if not len(positions) or not np.isfinite(positions).all():
             raise MeshError("a point cloud must have points with finite coordinates; this one has not. Clean it.")
     except MeshError as error:
@@ -184,6 +190,13 @@ def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin:
     mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin, found)  # by `Polygons`
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
         return mesh.cleaned()
+
+
+def _warn_of_foreign_lines(path: Path, data: bytes) -> None:
+    """Warn of lines in a PLY file's header that were skipped."""
+    if path.suffix.lower() == ".ply" and (lines := foreign_lines(data)):
+        shown = printable(lines[0][:60])
+        _LOG.warning("%s: %d lines of its header are none of PLY, and are skipped: %r", path, len(lines), shown)
 
 
 def _hint(data: bytes, suffix: str) -> str:
