@@ -178,7 +178,7 @@ def test_lines_in_a_header_of_ply_that_are_no_part_of_it_are_skipped(
     assert mesh.vertices.tolist() == expected.vertices.tolist()
     assert mesh.faces.tolist() == expected.faces.tolist()
     assert f"{odd}: 2 lines of its header" in caplog.text
-    assert line in caplog.text
+    assert line[:40] in caplog.text
 
 
 GOOD_PLY = ply("ascii", PLY_POLYGONS).decode()
