@@ -228,7 +228,7 @@ def calls_of_python(folder: Path) -> list[Call]:
     occluder = zo.prepare(cube, "oracle")
     camera = {"azimuth": "number?", "elevation": "number?", "distance": "number"}
     at = {"azimuth": 30, "elevation": 20}
-    sensor = make(CAMERA)
+    sensor, pose = make(CAMERA), look_at(eye, [0.5, 0.5, 0.5])
 
     def listed(*arguments: Any, **options: Any) -> list[Any]:
         return list(zo.frames(*arguments, **options))
@@ -257,7 +257,7 @@ def calls_of_python(folder: Path) -> list[Call]:
              {"scene": "scene", "sensor": "sensor", "range": "number?", "azimuth": "number?", "elevation": "number?",
               "size": "number?", "transparent": "shares?", "motion": "motion?", "seed": "seed", "method": "word?",
               "towards": "box?"}),
-        Call("scan", zo.scan, {"scene": scene, "sensor": sensor, "pose": look_at(eye, [0.5, 0.5, 0.5])},
+        Call("scan", zo.scan, {"scene": scene, "sensor": sensor, "pose": pose},
              {"scene": "scene", "sensor": "sensor", "pose": "matrix?"}),
         Call("frames", listed, {"mesh": cube, "views": views, **small},
              {"mesh": "scene", "views": "views", **picture, "colors": "flag"}),
@@ -309,6 +309,10 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("Motion", Motion, {}, {"velocity": "vector", "turn": "number"}),
         Call("look_at", look_at, {"position": eye, "target": [0, 0, 0]},
              {"position": "vector", "target": "vector", "up": "vector?"}),
+        Call("compare_scans", zo.compare_scans,
+             {"mesh": cube, "scans": [zo.scan(cube, sensor, pose).points], "sensor": sensor, "sensor_pose": pose},
+             {"mesh": "mesh", "sensor": "sensor", "sensor_pose": "matrix", "tolerance": "number?", "slack": "number?",
+              "depth_unit": "number", "refine": "flag", "method": "word?", "seed": "count"}),
         Call("MeshCollection", zo.MeshCollection.from_paths, {"paths": [path]}, {"up": "word?", "colors": "flag"}),
         Call("Mesh.transformed", cube.transformed, {"scale": 2.0}, {"scale": "number", "translation": "vector"}),
     ]  # fmt: skip

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers
+from zbuf_occlude.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
 from zbuf_occlude.dataset.records import draw
 from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
-from zbuf_occlude.geometry.camera import picture_frusta
+from zbuf_occlude.geometry.camera import field_of_view, picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -167,7 +167,7 @@ def occlude(
     """
     check_word("frame", frame, FRAMES)
     check_keywords(occlude, method, options)
-    mesh = as_mesh(mesh, colors=colors)
+    mesh = as_mesh(mesh, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -242,9 +242,7 @@ def depth_image(
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
-        if not (isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0):
-            raise ArgumentError(f"fov must lie between 0 and 180 degrees; got {fov!r}.")
-        view = view.looking(None, math.radians(fov))
+        view = view.looking(None, field_of_view(fov))
     frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.windows)
     left, right, bottom, top = (float(side[0]) for side in frusta[:4])
     centres = (np.arange(resolution) + 0.5) / resolution
@@ -261,20 +259,22 @@ def _view(
     """Return the one view that a person described, world units, and its eye (3,)."""
     if eye is None and azimuth is None and elevation is None:
         raise ArgumentError("give azimuth and elevation, degrees, or eye: where the camera stands.")
+    distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
     if eye is not None and (azimuth is not None or elevation is not None or distance != PAPER_DISTANCE):
         raise ArgumentError("azimuth, elevation and distance must go without eye, which says all. Leave them out.")
     if mesh.longest_side == 0.0:
         raise MeshError(f"a mesh must have an extent to be seen; all vertices of {mesh.name} coincide.")
     if eye is None:
-        view = from_angles(azimuth or 0.0, elevation or 0.0, distance).around(mesh.centre, mesh.longest_side)
+        degrees = [0.0 if angle is None else angle for angle in (azimuth, elevation)]
+        view = from_angles(degrees[0], degrees[1], distance).around(mesh.centre, mesh.longest_side)
         return view, view.eyes[0]
     if isinstance(eye, Views):
         if len(eye) != 1:
             raise ArgumentError(f"eye must be one view; got {len(eye)}. Take one: views[0].")
         return eye, eye.eyes[0]
     at = as_numbers(eye, "eye", (3,))
-    if not np.isfinite(at).all():
-        raise ArgumentError(f"eye must be finite; got {at.tolist()}.")
+    if not (np.abs(at) <= LARGEST).all():  # NaN is not
+        raise ArgumentError(f"eye must be finite and below {LARGEST:g}; got {at.tolist()}.")
     turned = Views.of_cameras(at[None], np.eye(3)[None], target=mesh.centre)
     if not turned.distance.all():
         raise ArgumentError(f"eye must not be the mesh's centre, at which it looks; got {at.tolist()}.")

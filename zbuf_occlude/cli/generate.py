@@ -41,7 +41,7 @@ from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import SURFACE, parse_span
+from zbuf_occlude.sensors.setup import SURFACE, span_of
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
@@ -194,7 +194,7 @@ def generate_command(
     if recipe["overlap"] is not None:
         if "overlap" not in row.options:
             raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
-        recipe["overlap"] = parse_span("--overlap", recipe["overlap"])
+        recipe["overlap"] = span_of("--overlap", recipe["overlap"])
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:

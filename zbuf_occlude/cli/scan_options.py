@@ -15,10 +15,10 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import SIZES, size_of, sizes_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
+from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.visibility import METHODS, find_method
 
 SCAN_OPTIONS = (
@@ -175,11 +175,11 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
     return Setup(
         sensor.document,
-        range=parse_span("--range", options["range_"]) if options["range_"] is not None else None,
-        size=parse_sizes(options["size"]) if options["size"] else {},
+        range=options["range_"],
+        size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
         objects=objects,
-        hidden=parse_span("--hidden", options["hidden"]) if options["hidden"] is not None else None,
+        hidden=options["hidden"],
         keep=options["keep"],
         keep_clean=options["keep_clean"],
         sensor_height=options["sensor_height"],

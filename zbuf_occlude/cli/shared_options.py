@@ -16,6 +16,7 @@ from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.extras import missing
+from zbuf_occlude.geometry.camera import FIELDS_OF_VIEW, field_of_view
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -198,7 +199,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)
-            return placed.looking(look_at, None if fov is None else math.radians(fov))
+            return placed.looking(look_at, None if fov is None else field_of_view(fov))
 
         return function(camera=camera, **others)
 
@@ -221,7 +222,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option(
             "--fov",
-            type=click.FloatRange(0, 180, min_open=True, max_open=True),
+            type=click.FloatRange(*FIELDS_OF_VIEW),
             callback=finite,
             help="Field of view, degrees.  [default: the whole mesh is seen]",
         ),

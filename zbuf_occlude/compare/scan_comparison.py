@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import ArgumentError, printable
@@ -28,7 +28,7 @@ from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.scanning import default_caster, scan
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 INCIDENCES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
@@ -184,10 +184,13 @@ def compare_scans(
     """
     if isinstance(mesh, str | os.PathLike):
         mesh = load_mesh(mesh, up="z")  # its own axes, which the poses lead to
-    mesh, sensor = as_mesh(mesh), sensor if isinstance(sensor, Sensor) else make(sensor)
+    mesh, sensor = as_mesh(mesh), make(sensor)
+    refine = as_flag(refine, "refine")
+    if method is not None:
+        find_method(method)  # for its error
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
-        if value is not None and not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
-            raise ArgumentError(f"{name} must be a length above 0; got {value!r:.40}.")
+        if value is not None:
+            as_number(value, name, "a length above 0", lambda length: length > 0.0)
     scans = [scans] if isinstance(scans, str | Path) else scans
     if not len(scans):
         raise ArgumentError("scans must be one or more; there is none.")

@@ -204,14 +204,15 @@ class Mesh(Sealed):
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
         """Return the mesh with every vertex v moved to ``scale * v + translation``."""
-        return self._with_vertices(
-            self.vertices * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
-        )
+        factor, shift = as_numbers(scale, "scale", ()), as_numbers(translation, "translation", (3,))
+        with np.errstate(all="ignore"):  # what overflows is judged as the vertices that it gives
+            return self._with_vertices(self.vertices * factor + shift)
 
     def rotated(self, rotation: ArrayLike) -> "Mesh":
         """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
         matrix = as_numbers(rotation, "rotation", (3, 3), " Take the upper left of a (4, 4)?")
-        return self._with_vertices(self.vertices @ matrix.T)
+        with np.errstate(all="ignore"):
+            return self._with_vertices(self.vertices @ matrix.T)
 
     def normalized(self) -> "Mesh":
         """Return the mesh centred at the origin with its longest side 1 (paper 3.4: "maximum dimension is 1")."""

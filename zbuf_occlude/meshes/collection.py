@@ -13,6 +13,7 @@ from unicodedata import decimal
 
 import numpy as np
 
+from zbuf_occlude.arrays import as_flag
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.labels import match, read_labels
@@ -182,6 +183,7 @@ class MeshCollection(Sequence[MeshEntry]):
         """
         if up is not None:
             check_word("up", up, UP)
+        colors = as_flag(colors, "colors")
         given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words, printable
+from zbuf_occlude.arrays import LARGEST, FloatArray, as_flag
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words, printable, shown
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf
@@ -103,6 +103,9 @@ def load_mesh(
     path = Path(path)
     if up is not None:
         check_word("up", up, UP)
+    if not isinstance(name, str | None):
+        raise ArgumentError(f"name must be a word; got {shown(name)}.")
+    colors = as_flag(colors, "colors")
     suffix = path.suffix.lower()
     try:
         if suffix not in SUFFIXES:
@@ -119,7 +122,7 @@ def load_mesh(
                 polygons, look = read_gltf(data, files, colors=colors)
             else:
                 polygons = READERS[suffix](data)
-                _warn_of_foreign_lines(path, data)
+                warn_of_foreign_lines(path, data)
                 if colors and suffix in _LOOKS:
                     look = _LOOKS[suffix](data, polygons, files)
             mesh_name = path.stem if name is None else name
@@ -127,7 +130,7 @@ def load_mesh(
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        raise MeshError(f"{printable(str(path))}: {error}") from None
 
 
 def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
@@ -152,11 +155,14 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
         positions = read_ply_points(content) if suffix == ".ply" else _table(path, suffix)
         if positions is None:
             return None
-        _warn_of_foreign_lines(path, content)
-        if not len(positions) or not np.isfinite(positions).all():
-            raise MeshError("a point cloud must have points with finite coordinates; this one has not. Clean it.")
+        warn_of_foreign_lines(path, content)
+        if not len(positions) or not (np.abs(positions) <= LARGEST).all():  # NaN is not
+            raise MeshError(
+                f"a point cloud must have points, their coordinates finite and below {LARGEST:g}; this one has not. "
+                "Clean it."
+            )
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        raise MeshError(f"{printable(str(path))}: {error}") from None
     return positions
 
 
@@ -192,7 +198,7 @@ def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin:
         return mesh.cleaned()
 
 
-def _warn_of_foreign_lines(path: Path, data: bytes) -> None:
+def warn_of_foreign_lines(path: Path, data: bytes) -> None:
     """Warn of lines in a PLY file's header that were skipped."""
     if path.suffix.lower() == ".ply" and (lines := foreign_lines(data)):
         shown = printable(lines[0][:60])

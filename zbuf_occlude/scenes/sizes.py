@@ -1,8 +1,10 @@
 """How long things are: the longest side of an object of each class, metres, and where that is from."""
 
 from collections.abc import Mapping
+from numbers import Real
+from typing import Any
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, shown
 
 SIZES: dict[str, float] = {
     # ModelNet40 and the built-in shapes
@@ -36,29 +38,36 @@ Sizes = Mapping[str, float] | str
 """Sizes of some classes, which go before `SIZES`; or `FILE`."""
 
 
-def parse_sizes(text: str) -> Sizes:
-    """Read what a person types: ``file``, ``car=4.5,chair=0.9``, or one number for all classes, ``4.5``.
+def sizes_of(value: Any) -> Sizes:
+    """Read sizes: as a person types them, ``file``, ``car=4.5,chair=0.9`` or ``4.5`` for all classes; or as Python has
+    them, metres by class or one number.
 
     Raises
     ------
     OptionError
-        Not of that form, or a size that is not positive.
+        None of these, a class twice, or a size out of range.
     """
-    if text == FILE:
+    if isinstance(value, str) and value == FILE:
         return FILE
+    pairs: list[tuple[Any, Any]]
+    if isinstance(value, str):
+        parts = [part.rpartition("=") for part in value.split(",")]
+        pairs = [(label.strip() if equals else "*", number) for label, equals, number in parts]
+    else:
+        pairs = list(value.items()) if isinstance(value, Mapping) else [("*", value)]
     sizes: dict[str, float] = {}
-    for part in text.split(","):
-        label, equals, number = part.rpartition("=")
+    for label, number in pairs:
         try:
-            size = float(number)
-        except ValueError:
+            is_number = isinstance(value, str) or (isinstance(number, Real) and not isinstance(number, bool))
+            size = float(number) if is_number else -1.0
+        except (ValueError, OverflowError):
             size = -1.0
-        if not LEAST <= size <= MOST or bool(equals) != bool(label.strip()):
+        if not LEAST <= size <= MOST or not isinstance(label, str) or not label or label in sizes:
             raise OptionError(
-                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,...; "
-                f"got {part!r} in {text!r}."
+                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,..., each class once; "
+                f"got {shown(value)}."
             )
-        sizes[label.strip() or "*"] = size
+        sizes[label] = size
     return sizes
 
 

@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_flag
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.camera import field_of_view
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
+from zbuf_occlude.views.model import check_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -189,11 +191,12 @@ def frames(
     >>> found[0].depth.dtype, len(found)
     (dtype('float32'), 8)
     """
+    check_views("views", views)
     for name, value in (("width", width), ("height", height)):
         check_int(name, value, 1)
     if width * height > MOST_PIXELS:
         raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
-    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
+    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=as_flag(colors, "colors")))
     find_method(method).check_first_hits()
     intrinsics = _intrinsics(scene, views, width, height, fov)
 
@@ -311,10 +314,8 @@ def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float 
         off = np.linalg.norm(np.asarray(views.target) - mesh.centre)
         tangent = np.tan(np.arcsin(min(MARGIN * (mesh.diagonal / 2 + off) / away, 0.9)) if away > 0 else np.pi / 4)
         tangent *= width / min(width, height)
-    elif isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0:
-        tangent = np.tan(np.radians(fov) / 2.0)
     else:
-        raise ArgumentError(f"fov must lie between 0 and 180 degrees; got {fov!r}.")
+        tangent = np.tan(field_of_view(fov) / 2.0)
     across, along = float(tangent), float(tangent) * height / width
     windows = np.tile([-across, across, -along, along], (len(views), 1))
     return replace(views, windows=windows).intrinsics(width, height)

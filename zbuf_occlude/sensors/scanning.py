@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, IntArray, as_number, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
@@ -256,12 +256,9 @@ def scan(
     for part, given in (("occluder", occluder), ("target", target)):
         if given is not None and not isinstance(given, Occluder):
             raise ArgumentError(f"{part} must be an Occluder, made by prepare; got {type(given).__name__}.")
-    if isinstance(sensor, str | Path):
-        sensor = make(sensor)
-    if not isinstance(sensor, Sensor):
-        raise ArgumentError(
-            f"sensor must be a Sensor, a name or a file; got {type(sensor).__name__}. Make one: sensors.make(name)."
-        )
+    sensor = make(sensor)
+    if not isinstance(transparent, Mapping | None):
+        raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(transparent).__name__}.")
     if not isinstance(scene, Scene):
         mesh = as_mesh(scene, colors=transparent is not None)
         scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
@@ -272,7 +269,8 @@ def scan(
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
-        pose = _pose_at(scene.mesh, range, azimuth or 0.0, elevation or 0.0)
+        angles = (0.0 if angle is None else angle for angle in (azimuth, elevation))
+        pose = _pose_at(scene.mesh, range, *angles)
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
@@ -295,7 +293,7 @@ def scan(
     if target is not None:
         alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    rng, name = generator(seed), method or default_caster()
+    rng, name = generator(seed), default_caster() if method is None else method
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
@@ -319,16 +317,16 @@ def _of_size(mesh: Mesh, size: float | None) -> Mesh:
     """Return the mesh scaled about its centre, its longest side `size`; as it is for None."""
     if size is None:
         return mesh
-    if not (isinstance(size, int | float | np.number) and 0.0 < size < np.inf and mesh.longest_side > 0.0):
-        raise ArgumentError(f"size must be metres above 0, of a mesh with an extent; got {size!r}.")
-    factor = float(size) / mesh.longest_side
+    metres = as_number(size, "size", "metres above 0", lambda number: number > 0.0)
+    if not mesh.longest_side > 0.0:
+        raise ArgumentError(f"a mesh that is given a size must have an extent; all vertices of {mesh.name} coincide.")
+    factor = metres / mesh.longest_side
     return mesh.transformed(factor, mesh.centre * (1.0 - factor))
 
 
 def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float) -> FloatArray:
     """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees."""
-    if not (isinstance(distance, int | float | np.number) and 0.0 < distance < np.inf):
-        raise ArgumentError(f"range must be metres above 0; got {distance!r}.")
+    distance = as_number(distance, "range", "metres above 0", lambda number: number > 0.0)
     view = from_angles(azimuth, elevation, distance).around(mesh.centre, 1.0)
     if mesh.in_box(view.eyes).any():
         warnings.warn(
@@ -379,8 +377,8 @@ def pose_of_camera(view_matrix: FloatArray) -> FloatArray:
 
 def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
     matrix = np.eye(4) if pose is None else as_numbers(pose, "pose", (4, 4), " It is sensor to world.")
-    if not np.isfinite(matrix).all():
-        raise ArgumentError("pose must be finite; it is not.")
+    if not (np.abs(matrix) <= LARGEST).all():  # NaN is not
+        raise ArgumentError(f"pose must be finite and below {LARGEST:g}; it is not.")
     rotation = matrix[:3, :3]
     if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0):
         raise ArgumentError(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
-from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
+from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -281,7 +281,7 @@ class Method:
                 )
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
-                raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {value!r}.")
+                raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {shown(value)}.")
 
 
 @cache
@@ -297,8 +297,8 @@ def as_eyes(eyes: ArrayLike) -> FloatArray:
 
 def check_count(name: str, value: Any, least: int, most: int, unit: str) -> None:
     """Raise OptionError unless a value is an int from `least` to `most`."""
-    if not isinstance(value, (int, np.integer)) or not least <= value <= most:
-        raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {value!r}.")
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value <= most:
+        raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {shown(value)}.")
 
 
 def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:
