@@ -120,6 +120,10 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
             lambda: zo.scan(CUBE, "vlp-16", np.eye(4) + np.eye(4, k=3) * 1e155),
             "pose must be finite and below",
         ),
+        (lambda: zo.scan(CUBE, "vlp-16", range=5, towards=np.zeros((0, 3))), r"towards must be \(2, 3\); got \(0, 3\)"),
+        (lambda: zo.compare_scans(CUBE, [[[1, 2, 3]]], "vlp-16", depth_unit=None), "depth_unit must be a length"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, background=np.array(2)), "background must be labels"),
+        (lambda: zo.views.for_mesh(CUBE, np.zeros((2, 2))), "views must be paper100"),  # type: ignore[arg-type]
         (lambda: zo.sensors.make("vlp-16", name="x"), "a number of the sensor vlp-16 must be one of .* got 'name'"),
         (lambda: zo.sensors.make("vlp-16", self=1), "a number of the sensor vlp-16 must be one of .* got 'self'"),
         (lambda: zo.sensors.make("vlp-16", sigma=1j), "sigma of a sensor must be a number"),

@@ -207,6 +207,8 @@ BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
             "each element once; it has 'vertex'",
         ),
         (GOOD_PLY.replace("property float y", "proprty float y").encode(), "it has the line 'proprty float y'"),
+        (GOOD_PLY.replace("property list", "propertlist").encode(), "it has the line 'propertlist uchar int v"),
+        (GOOD_PLY.replace("element vertex", "\x00\x80\nelement vertex").encode("latin-1"), "it has the line"),
         (GOOD_PLY.replace("element vertex", "elements vertex").encode(), "it has the line 'elements vertex 5'"),
         (BINARY_PLY[:-1], "the 4 rows of the element face that it declares"),
         (BINARY_PLY.replace(b"list uchar int", b"list uint uint"), "the 4 rows of the element face"),

@@ -189,7 +189,7 @@ def compare_scans(
     if method is not None:
         find_method(method)  # for its error
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
-        if value is not None:
+        if value is not None or name == "depth_unit":
             as_number(value, name, "a length above 0", lambda length: length > 0.0)
     scans = [scans] if isinstance(scans, str | Path) else scans
     if not len(scans):

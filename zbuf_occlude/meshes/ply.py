@@ -208,8 +208,8 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                     elements[-1].properties.append(_Property(name, np.dtype(_TYPES[value_type])))
                 case [] | ["comment", *_] | ["obj_info", *_]:
                     pass
-                case [word, *_] if word in _KEYWORDS or did_you_mean(word, _KEYWORDS):
-                    raise KeyError(word)  # mistyped, perhaps: to skip it would shift all that follows
+                case [word, *_] if b"\0" in line or _is_like_a_keyword(word):
+                    raise KeyError(word)  # no line that somebody wrote, or a mistyped one, which all that follows needs
         except (KeyError, IndexError):
             shown = line[:60].decode("latin-1")
             raise MeshError(f"the header of a PLY file must be readable; it has the line {shown!r}.") from None
@@ -218,6 +218,10 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise MeshError(f"a PLY file must be ascii or binary; its format is {encoding!r}. Is it damaged?")
     return elements, encoding, data[end.end() :]
+
+
+def _is_like_a_keyword(word: str) -> bool:
+    return bool(did_you_mean(word, _KEYWORDS)) or word.lower().startswith(tuple(each[:4] for each in _KEYWORDS))
 
 
 def _too_short(element: _Element, n_held: int, what: str) -> MeshError:

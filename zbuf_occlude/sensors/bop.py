@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence, Set
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,7 +111,7 @@ def write_bop(
     scenes = list(scenes) if isinstance(scenes, Sequence) else [scenes]
     placed = list(views) if isinstance(views, Sequence) and not isinstance(views, str) else [views] * len(scenes)
     background = [background] if isinstance(background, str) else background
-    if not isinstance(background, Collection) or not all(isinstance(each, str) for each in background):
+    if not isinstance(background, Sequence | Set) or not all(isinstance(each, str) for each in background):
         raise ArgumentError(f"background must be labels of objects; got {shown(background)}.")
     if strange := [each for each in scenes if not isinstance(each, Scene)]:
         raise ArgumentError(f"scenes must be Scene; got {type(strange[0]).__name__}. Make one: Scene.of(mesh).")

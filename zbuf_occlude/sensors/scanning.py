@@ -288,7 +288,7 @@ def scan(
     if motion is not None:
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
-        corners = as_vectors(towards, "towards")
+        corners = as_vectors(as_numbers(towards, "towards", (2, 3)), "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
         alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))

@@ -365,11 +365,13 @@ def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
     for row in SPECIFICATIONS if isinstance(spec, str) else ():
         if match := re.fullmatch(row.pattern, spec):
             return row, match.groups()
-    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.{_wrong_part(str(spec))}")
+    raise OptionError(f"views must be {forms()}; got {shown(spec)}.{_wrong_part(spec)}")
 
 
 def _wrong_part(spec: str) -> str:
     """Return a sentence that says what of a specification is not understood."""
+    if not isinstance(spec, str):
+        return ""
     word, _, rest = spec.partition(":")
     if re.search(r"[/.\\]|^$", word):
         return ""
