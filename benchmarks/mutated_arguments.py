@@ -304,7 +304,7 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("Placed", Placed, {"mesh": cube, "label": "crate"},
              {"mesh": "mesh", "label": "word", "albedo": "number", "is_background": "flag"}),
         Call("make", made, {"name": CAMERA},
-             {"name": "sensor", "noise": "typed", "range_max": "typed", "width": "typed", "fov": "typed"}),
+             {"name": "sensor", "noise": "typed", "range_max": "typed", "width": "typed", "fov": "typed?"}),
         Call("make", made, {"name": "vlp-16"}, {"columns": "typed", "noise": "typed", "sigma": "typed"}),
         Call("Motion", Motion, {}, {"velocity": "vector", "turn": "number"}),
         Call("look_at", look_at, {"position": eye, "target": [0, 0, 0]},

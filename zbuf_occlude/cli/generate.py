@@ -19,6 +19,7 @@ from zbuf_occlude.cli.shared_options import (
     collect,
     distance_option,
     engine_options,
+    finite,
     given,
     method_options,
     parse_settings,
@@ -126,8 +127,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @up_option
 @choice_options
 @engine_options
-@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, help=LIMIT)
-@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, help=LIMIT)
+@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, callback=finite, help=LIMIT)
+@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, callback=finite, help=LIMIT)
 @shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")

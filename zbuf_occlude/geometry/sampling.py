@@ -210,9 +210,11 @@ def sample_surface(
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
     """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
     density = as_number(density, "density", "positive and finite", lambda number: number > 0.0)
-    wanted = areas * density
-    if wanted.sum() > MAX_POINTS:
-        raise ArgumentError(f"density {density} asks for {wanted.sum():.3g} points; at most 2^31 - 1 can be made.")
+    with np.errstate(over="ignore"):
+        wanted = areas * density
+        n_wanted = wanted.sum()
+    if n_wanted > MAX_POINTS:
+        raise ArgumentError(f"density {density} asks for {n_wanted:.3g} points; at most 2^31 - 1 can be made.")
     whole = np.floor(wanted)
     return np.asarray(whole + (rng.random(len(areas)) < wanted - whole), dtype=np.int32)
 

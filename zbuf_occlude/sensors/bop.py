@@ -29,6 +29,8 @@ NO_BOX = [-1, -1, -1, -1]
 PER_BLOCK = 512
 ROUNDING = 1e-9
 """Of a model's diagonal."""
+LONGEST_NAME = 60
+"""Characters of the name of a split; a file system takes 255 bytes."""
 RIGID = 1e-6
 """Of a rotation's entries: that of single precision counts."""
 
@@ -122,6 +124,7 @@ def write_bop(
         and split
         and Path(split).name == printable(split) == split
         and split not in ("..", "models")
+        and len(split) <= LONGEST_NAME
     ):
         raise ArgumentError(f"split must be the name of a folder other than models; got {shown(split)}.")
     if not scenes or len(placed) != len(scenes):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_array, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
@@ -109,8 +109,9 @@ class Occluder(ABC):
         if isinstance(eyes, Views):
             mask = self.visible(points, eyes.eyes)
             return mask if eyes.windows is None else mask & eyes.shows(points.positions)
-        if np.shape(eyes) == (3,):
-            return self.visible(points, np.asarray(eyes)[None])[0]
+        eyes = as_array(eyes, "eyes", "(k, 3) float")
+        if eyes.shape == (3,):
+            return self.visible(points, eyes[None])[0]
         eyes = as_vectors(eyes, "eyes")
         reach = FARTHEST * (self.mesh.diagonal or np.inf)  # of a mesh that is but a point everything is as far
         for name, positions in (("points", points.positions), ("eyes", eyes)):
@@ -292,7 +293,7 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
 
 def as_eyes(eyes: ArrayLike) -> FloatArray:
     """Return eyes as (k, 3), of one (3,) too; raise ArgumentError for what are none."""
-    return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    return as_vectors(np.atleast_2d(as_array(eyes, "eyes", "(k, 3) float")), "eyes")
 
 
 def check_count(name: str, value: Any, least: int, most: int, unit: str) -> None:
