@@ -4,6 +4,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +134,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sensors.make("vlp-16", self=1), "a number of the sensor vlp-16 must be one of .* got 'self'"),
         (lambda: zo.sensors.make("vlp-16", sigma=1j), "sigma of a sensor must be a number"),
         (lambda: zo.views.parse("ring:3@30", seed="a"), "seed must be an int"),
+        (lambda: zo.views.parse("ring:3@30", farthest=Fraction(1, 2)), r"distances must run upwards; got 4\.\.0\.5"),
         (lambda: zo.views.parse("ring:3@30", farthest="9"), "distance must be a positive number; got '9'"),
         (lambda: zo.views.ring(True, elevation=0), "must be a positive int; got True"),
         (lambda: zo.Views([1j], [0], [1]), "must be numbers"),

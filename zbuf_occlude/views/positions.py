@@ -305,7 +305,8 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     views = row.make(found, distance, seed)
     if farthest is None or views.rotations is not None:
         return views
-    if not _away(farthest) > distance:
+    farthest = _away(farthest)
+    if not farthest > distance:
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
