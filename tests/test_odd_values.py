@@ -129,6 +129,8 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.visible_vertices(CUBE, [[1], [1, 2]]), "eyes must be .*; got rows of unequal length"),
         (lambda: zo.sample_surface(CUBE, density=1e308), "at most 2.31 - 1 can be made"),
         (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, split="9" * 900), "split must be the name of a folder"),
+        (lambda: zo.sensors.look_at([[1], [1, 2]], [0, 0, 0]), "position must be .*; got rows of unequal length"),
+        (lambda: Setup(SENSOR, range=[[1], [1, 2]]), "--range must be a number, or two"),
         (lambda: Setup(SENSOR, range=np.array(2)), "--range must be a number, or two"),
         (lambda: zo.sensors.make("vlp-16", name="x"), "a number of the sensor vlp-16 must be one of .* got 'name'"),
         (lambda: zo.sensors.make("vlp-16", self=1), "a number of the sensor vlp-16 must be one of .* got 'self'"),

@@ -103,6 +103,11 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     return array
 
 
+def as_vector(values: ArrayLike, name: str) -> FloatArray:
+    """Return one vector (3,), checked as `as_vectors` does it."""
+    return as_vectors(as_array(values, name, "(3,) float")[None], name)[0]
+
+
 def as_triples(values: ArrayLike, name: str) -> FloatArray:
     """Check the shape and type as `as_vectors` does, but not the numbers."""
     array = as_array(values, name, "(n, 3) float")

@@ -15,7 +15,7 @@ from zbuf_occlude.arrays import (
     as_indices,
     as_number,
     as_numbers,
-    as_vectors,
+    as_vector,
     frozen,
 )
 from zbuf_occlude.errors import ArgumentError, shown
@@ -68,7 +68,7 @@ class Placed:
         albedo = self.albedo
         if albedo is not None:
             as_number(albedo, f"albedo of {self.label}", "a number in [0, 1]", lambda share: 0.0 <= share <= 1.0)
-        velocity = as_vectors([np.asarray(self.velocity)], f"velocity of {self.label}")[0]
+        velocity = as_vector(self.velocity, f"velocity of {self.label}")
         as_number(self.turn, f"turn of {self.label}", "a number, degrees a second")
         vars(self).update(pose=frozen(pose), velocity=frozen(velocity))
 

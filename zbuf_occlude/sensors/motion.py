@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_number, as_numbers, as_vectors, sealed, shape_and_dtype
+from zbuf_occlude.arrays import FloatArray, as_number, as_numbers, as_vector, sealed, shape_and_dtype
 from zbuf_occlude.documents import read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
 from zbuf_occlude.geometry.camera import rotations_of
@@ -45,7 +45,7 @@ class Motion:
     deskew: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", sealed(as_vectors([np.asarray(self.velocity)], "velocity")[0]))
+        object.__setattr__(self, "velocity", sealed(as_vector(self.velocity, "velocity")))
         as_number(self.turn, "turn", "a number, degrees a second")
         if self.trajectory is None:
             return

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, IntArray, as_number, as_numbers, as_vectors
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, IntArray, as_number, as_numbers, as_vector, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
@@ -350,13 +350,13 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None)
     >>> zo.sensors.look_at([10, 0, 2], [0, 0, 2])[:3, 0].tolist()
     [-1.0, 0.0, 0.0]
     """
-    at, towards = as_vectors([np.asarray(position)], "position")[0], as_vectors([np.asarray(target)], "target")[0]
+    at, towards = as_vector(position, "position"), as_vector(target, "target")
     forward = towards - at
     if not forward.any():
         raise ArgumentError(f"a sensor must not be at its target; both are {at.tolist()}. Move one.")
     forward = forward / np.linalg.norm(forward)
     usual = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
-    left = np.cross(usual if up is None else as_vectors([np.asarray(up)], "up")[0], forward)
+    left = np.cross(usual if up is None else as_vector(up, "up"), forward)
     if not np.linalg.norm(left) > 0.0:
         raise ArgumentError("up must not point along the view. Give another one.")
     left /= np.linalg.norm(left)

@@ -216,7 +216,9 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_span(span: Any) -> bool:
-    return isinstance(span, Sequence | np.ndarray) and np.shape(span)[:1] == (2,) and all(map(_is_number, span))
+    if isinstance(span, np.ndarray):
+        span = span.tolist()
+    return isinstance(span, Sequence) and len(span) == 2 and all(map(_is_number, span))
 
 
 def _shown(span: Sequence[float]) -> str:
