@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.shell import CommandGroup, check_surroundings
+from zbuf_occlude.cli.shell import COMPILING, CommandGroup, check_surroundings
+from zbuf_occlude.jit.compiler import on_compiled
 from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
@@ -73,7 +74,11 @@ class LazyGroup(CommandGroup):
     def invoke(self, context: click.Context) -> Any:
         """Run a command, once the shell lets it run at all."""
         check_surroundings()
-        return super().invoke(context)
+        on_compiled(COMPILING.one_more)
+        try:
+            return super().invoke(context)
+        finally:
+            COMPILING.close()
 
 
 @click.command(

@@ -29,14 +29,14 @@ from zbuf_occlude.cli.shared_options import (
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
+from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, progress_of
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, rehearse, was_rehearsed
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, n_functions, rehearse, was_rehearsed
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
@@ -259,6 +259,7 @@ def generate_command(
             rehearse(plan.recipe, require_gpu)
     if not was_rehearsed(plan.recipe):
         announce()
+        COMPILING.total = n_functions(plan.recipe)
         with without_scipy():
             compile_ahead(plan.recipe)
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache, partial
-from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_word
+from zbuf_occlude.extras import missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
@@ -174,10 +174,8 @@ class Recipe:
         check_word("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
-        if self.subset == "fps" and find_spec("fpsample") is None:
-            raise UnavailableError(
-                "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
-            )
+        if self.subset == "fps" and (lacking := missing("fpsample")):
+            raise UnavailableError(f"subset fps {lacking}")
         for name in self.attributes:
             check_word("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
@@ -187,8 +185,8 @@ class Recipe:
             )
         if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
-        if "colors" in self.attributes and find_spec("PIL") is None:
-            raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
+        if "colors" in self.attributes and (lacking := missing("PIL")):
+            raise UnavailableError(f"the attribute colors {lacking}")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
             low, high = self.overlap
             raise OptionError(f"overlap must be shares above 0 and up to 1, A..B with A <= B; got {low:g}..{high:g}.")
