@@ -7,6 +7,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
@@ -19,6 +20,7 @@ from zbuf_occlude.cli.shared_options import (
     collect,
     distance_option,
     engine_options,
+    frame_options,
     given,
     method_options,
     parse_settings,
@@ -26,7 +28,6 @@ from zbuf_occlude.cli.shared_options import (
     sample_size,
     shard_option,
     share_of,
-    up_option,
     with_option,
 )
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
@@ -123,7 +124,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     help="Axes: the object's, z up in published layouts too, or the camera's.",
 )
 @with_option("Attributes of the points: normals towards the camera, base colours; boxes: of whole LiDAR scans.")
-@up_option
+@frame_options
 @choice_options
 @engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, help=LIMIT)
@@ -145,6 +146,7 @@ def generate_command(
     format: str,
     limit: int | None,
     up: str | None,
+    unit: str | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: str | None,
@@ -178,7 +180,7 @@ def generate_command(
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
     """
-    idle = given(context, ("shapes",) if meshes else ("up",))
+    idle = given(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     limits = Limits(mesh_seconds, mesh_gigabytes)
@@ -207,13 +209,16 @@ def generate_command(
         meshes,
         up,
         limit,
+        unit=unit,
         out=out,
         choose=lambda meshes: choose(row.select(meshes)),
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
         **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )
-    echo(overview(collection, row, wanted, limited=limit is not None), err=True)
+    read_as = taken_as(collection, up, unit, lengths_of(setup, unit))
+    echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
+    warn_of_lying(collection, up)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,
@@ -286,7 +291,7 @@ def generate_command(
                 written=files_beside(bar),
             )
         if document:
-            echo(what_was_made(document, folder))
+            echo(what_was_made(document, folder, read_as))
             failed |= bool(document["failures"])
         else:
             done = progress_of(one, folder)["groups_done"]

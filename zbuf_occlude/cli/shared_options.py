@@ -16,7 +16,7 @@ from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.extras import missing
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import UNITS, Mesh
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.views import Views, from_angles
@@ -237,6 +237,14 @@ up_option = click.option(
     help="Up axis of the files.  [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
 )
 
+frame_options = all_of(
+    up_option,
+    click.option(
+        "--unit", type=Name(list(UNITS)), default=None, help="Unit of the files, for metres.  [default: as they are]"
+    ),
+)
+"""--up and --unit: in what frame files are; handed on as `up` and `unit`."""
+
 
 def sample_size(value: str | int) -> int | None:
     """Read a number of points, or ``all``, whose value is None."""
@@ -298,6 +306,7 @@ def collect(
     up: str | None,
     limit: int | None,
     *,
+    unit: str | None = None,
     out: Path | None = None,
     choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved,
     labels: Path | None = None,
@@ -311,7 +320,7 @@ def collect(
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
     if paths:
-        meshes = MeshCollection.from_paths(paths, up=up, labels=labels, colors=colors)
+        meshes = MeshCollection.from_paths(paths, up=up, unit=unit, labels=labels, colors=colors)
         if out is not None:
             own = Path(os.path.realpath(out))
             outside = (e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)

@@ -107,7 +107,7 @@ LONG = 10
 WIDTH = 118
 
 PANELS = {
-    "Input": "shapes preset up labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
+    "Input": "shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size subset "
     "overlap seed attributes seconds row_seconds judge_points",

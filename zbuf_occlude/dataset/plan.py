@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache, partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -415,7 +415,8 @@ class Plan:
             "format": self.format,
             "views": self.views.table.tolist(),
             "classes": self.classes,
-            "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
+            # a unit only where one was given, as plans were written before it
+            "meshes": [[e.key, e.label, e.split, e.up, *([e.unit] if e.unit else [])] for e in self.meshes],
             "clouds_per_batch": self.clouds_per_batch,
             "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
@@ -426,8 +427,8 @@ class Plan:
     def from_document(cls, document: Mapping[str, Any]) -> "Plan":
         """Read a plan back from its document, without its meshes: enough to read, count and check, not to generate."""
         entries = [
-            MeshEntry(key, label, split, partial(_not_loadable, key), up=up[0] if up else "")
-            for key, label, split, *up in document["meshes"]
+            MeshEntry(key, label, split, partial(_not_loadable, key), None, *frame)
+            for key, label, split, *frame in document["meshes"]
         ]
         views = Views.from_table(document["views"])
         plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
@@ -454,7 +455,8 @@ class Plan:
             if gone := [key for key in here if key not in there]:
                 yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
         for key in before.keys() & after.keys():
-            for what, then, now in zip(("class", "split", "up"), before[key], after[key], strict=False):
+            # of plans without an axis or a unit these are not there
+            for what, then, now in zip_longest(("class", "split", "up", "unit"), before[key], after[key], fillvalue=""):
                 if then != now:
                     yield f"{what} of {key} was {then!r}, and is {now!r}"
         for name, what in (

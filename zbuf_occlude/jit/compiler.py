@@ -185,7 +185,8 @@ def _sources() -> Iterator[bytes]:
     """Yield what compiled code depends on: the sources of `ROOMS`, and when numba was installed."""
     numba = importlib.util.find_spec("numba")
     if numba is not None and numba.origin:
-        yield f"{numba.origin} {os.stat(numba.origin).st_mtime_ns}".encode()
+        # its real place: an environment may be reached by a link, too
+        yield f"{os.path.realpath(numba.origin)} {os.stat(numba.origin).st_mtime_ns}".encode()
     for room in ROOMS:
         for source in sorted((PACKAGE / room).glob("*.py")):
             yield source.name.encode(errors="surrogateescape")

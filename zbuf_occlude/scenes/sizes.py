@@ -85,5 +85,6 @@ def size_of(label: str, sizes: Sizes, longest_side: float) -> float:
         if name in table:
             return table[name]
     raise OptionError(
-        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or --size file."
+        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or the "
+        "files' --unit, or --size file where they are in metres."
     )
