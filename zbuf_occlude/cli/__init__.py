@@ -14,6 +14,7 @@ COMMANDS = {
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
     "views": "List the cameras of a view set about a mesh; how much of it they see.",
+    "shapes": "List the built-in shapes, or write one as a mesh to try things on.",
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact reference and each other: rows, report.",

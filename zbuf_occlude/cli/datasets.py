@@ -30,6 +30,7 @@ from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.paper.tables import table_2
+from zbuf_occlude.shapes.built_in import collection_of
 from zbuf_occlude.workers import Run
 
 
@@ -166,10 +167,8 @@ def check(
     elif meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
         collection = MeshCollection.from_paths(meshes, up=frame[0], unit=frame[1], colors=has_windows)
-    elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        collection = shapes.collection()
+    else:
+        collection = collection_of(entry.key for entry in plan.meshes)
     echo(folder)
     with progress_bar(sum(manifest["counts"]["clouds_by_split"].values()), "clouds", "verify") as bar:
         verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)

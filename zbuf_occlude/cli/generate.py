@@ -43,9 +43,8 @@ from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE, parse_span
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.visibility import find_method
-
-FORMULAS = "formulas"
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 
@@ -68,9 +67,9 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--out", type=OutFolder(), default=Path("occluded"), help="Folder of the dataset.")
 @click.option(
     "--shapes",
-    type=Name(["classes", FORMULAS]),
-    default="classes",
-    help="Without MESH_OR_DIR: eight classes of 75 objects, or surfaces of formulas.",
+    type=Name([row.name for row in BUILT_IN]),
+    default=BUILT_IN[0].name,
+    help="Without MESH_OR_DIR: what `zbuf-occlude shapes` lists.",
 )
 @click.option(
     "--preset",
@@ -179,6 +178,7 @@ def generate_command(
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
+      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 10..40 --views ring:8@0 --out roads
     """
     idle = given(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:
@@ -212,7 +212,7 @@ def generate_command(
         unit=unit,
         out=out,
         choose=lambda meshes: choose(row.select(meshes)),
-        formulas=shapes == FORMULAS,
+        shapes=shapes,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
         **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )

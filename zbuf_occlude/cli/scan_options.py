@@ -19,6 +19,7 @@ from zbuf_occlude.scenes.sizes import FILE, SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.visibility import METHODS, find_method
 
 SCAN_OPTIONS = (
@@ -104,12 +105,14 @@ def scan_options(sensor: str) -> Decorator:
 
 
 def size_of_files(context: click.Context, size: str | None) -> str | None:
-    """Return how large objects are: as a person said by --size, or with --unit as their files have them.
+    """Return how large objects are: as a person said by --size, or as they are, with --unit or built in in metres.
 
-    Both together are a UsageError.
+    --size and --unit together are a UsageError.
     """
     if context.params.get("unit") is None:
-        return size
+        shapes = None if context.params["meshes"] else context.params.get("shapes")
+        in_metres = any(row.in_metres for row in BUILT_IN if row.name == shapes)
+        return FILE if in_metres and size is None else size
     if size not in (None, FILE) and given(context, ("size",)):
         raise click.UsageError(f"--unit must go without --size {size}, which is metres whatever the files' unit.")
     return FILE

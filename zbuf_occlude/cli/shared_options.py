@@ -14,11 +14,12 @@ from click.core import ParameterSource
 
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, find_row
 from zbuf_occlude.extras import missing
 from zbuf_occlude.geometry.mesh import UNITS, Mesh
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views, from_angles
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
@@ -312,10 +313,10 @@ def collect(
     labels: Path | None = None,
     classes: list[str] | None = None,
     splits: list[str] | None = None,
-    formulas: bool = False,
+    shapes: str = BUILT_IN[0].name,
     colors: bool = False,
 ) -> MeshCollection:
-    """Return the meshes that a person named, or the built-in ones; chosen and ordered, and at most `limit` of them.
+    """Return the meshes that a person named, or `shapes` that are built in; chosen, ordered, at most `limit` of them.
 
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
@@ -328,9 +329,7 @@ def collect(
         if not meshes:
             raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        meshes = shapes.formulas.collection() if formulas else shapes.collection()
+        meshes = find_row("shapes", shapes, BUILT_IN).collection()
         meshes = meshes if labels is None else meshes.labelled(labels)
     meshes = choose(meshes.select(classes=classes, splits=splits))
     return meshes if limit is None else meshes.limit(limit)
