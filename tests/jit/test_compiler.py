@@ -156,6 +156,11 @@ def test_a_job_is_noted_as_compiled_until_a_source_changes(package: Path) -> Non
         return run(program.format(before), cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
 
     assert [known(), known("note('job')\n"), known(), known("note('another')\n")] == ["False", "True", "True", "True"]
+    elsewhere = "from package.jit.compiler import compiled_before\nprint(compiled_before('job'))"
+    other = str(package.parent / "other")  # code of one folder is no use to who keeps his in another
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
+    run(program.format("note('job')\n"), cwd=package.parent, NUMBA_CACHE_DIR="")
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
     (package / "constants.py").write_text("ANSWER = 22\n")
     assert known() == "False"
 

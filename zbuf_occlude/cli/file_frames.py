@@ -26,7 +26,7 @@ def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, len
         axis = "y up, as their format or layout says"
     else:
         axis = "z up, assumed (else give --up y)" + (", y of some by their format or layout" if "y" in axes else "")
-    in_unit = f"in {unit}, lengths are metres" if unit else "lengths in its own unit (metres with --unit)"
+    in_unit = f"in {unit}, lengths are metres" if unit else "lengths in their own unit (metres with --unit)"
     return f"{axis}; {lengths or in_unit}"
 
 

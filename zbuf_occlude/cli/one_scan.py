@@ -90,7 +90,12 @@ def scan_command(
             said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
         else:
             away = float(np.linalg.norm(capture.pose[:3, 3]))
-            said = f"no ray met the object, {size:.4g} m long and {away:.4g} m away. Lower --range, or give its --unit."
+            sensor = setup.made_sensor
+            reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
+            said = (
+                f"no ray met the object, {size:.4g} m long and {away:.4g} m away; {sensor.name} measures {reach}. "
+                "Give another --range, or the file's --unit."
+            )
         echo(f"warning: {said}", err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)

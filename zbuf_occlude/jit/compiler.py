@@ -144,9 +144,16 @@ def _listen() -> None:
 
 
 def compiled_before(job: str) -> bool:
-    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder."""
-    name = os.path.join("-".join(_names()), f"{job}.compiled")
-    return any(os.path.exists(base / name) for base in _bases())  # False where Path.exists would raise
+    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder.
+
+    Only the folder that `cache_folder` takes counts: code elsewhere, where nothing can be written, is not used.
+    """
+    name = "-".join(_names())
+    for base in _bases():
+        there = next(place for place in (base / name, base, *base.parents) if os.path.exists(place))
+        if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+            return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
+    return False
 
 
 def note_compiled(job: str) -> None:
