@@ -3,11 +3,13 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import zbuf_occlude as zo
 from tests.processes import python, run_program
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import importing
 
@@ -133,3 +135,16 @@ def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, pro
 def test_what_this_package_raises_while_another_is_imported_stays_as_it_is() -> None:
     with pytest.raises(UnavailableError, match=r"^as it is$"), importing("numpy", "it"):
         raise UnavailableError("as it is")
+
+
+@pytest.mark.parametrize(
+    ("package", "options", "extra"),
+    [("fpsample", {"subset": "fps"}, "fps"), ("PIL", {"attributes": ["colors"]}, "report")],
+)
+def test_recipes_name_the_extra_as_all_others_do(
+    monkeypatch: pytest.MonkeyPatch, package: str, options: dict[str, Any], extra: str
+) -> None:
+    monkeypatch.setattr("zbuf_occlude.extras.find_spec", lambda name: None)
+    said = rf"needs the package {package}; install it: pip install 'zbuf-occlude\[{extra}\]'"
+    with pytest.raises(UnavailableError, match=said):
+        Recipe(**options)

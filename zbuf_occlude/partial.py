@@ -96,6 +96,8 @@ def occlude(
     method: str = "exact",
     sensor: str | Path | Sensor | None = None,
     frame: str = "object",
+    up: str | None = None,
+    unit: str | None = None,
     colors: bool = False,
     **options: Any,
 ) -> PartialCloud:
@@ -125,6 +127,11 @@ def occlude(
         The points are the first hits of its rays, as `zbuf_occlude.scan` makes them: the mesh's unit is the metre.
     frame : {"object", "camera"}
         Of points, normals and eye: the mesh's own coordinates, or the camera's (x right, y up, looking along -z).
+    up : {"z", "y"}, optional
+        Which way is up in the mesh. Here z is: one with y up is turned, (x, y, z) to (x, -z, y), and its own
+        coordinates are then those. By default "y" for glTF files, and "z" for all else.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Of the mesh, whose own coordinates are metres then. By default its numbers stay, whatever they are.
     colors : bool
         Read base colours too, of what has them; grey where it has not.
     **options
@@ -167,7 +174,7 @@ def occlude(
     """
     check_word("frame", frame, FRAMES)
     check_keywords(occlude, method, options)
-    mesh = as_mesh(mesh, colors=as_flag(colors, "colors"))
+    mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -197,6 +204,8 @@ def depth_image(
     eye: ArrayLike | Views | None = None,
     resolution: int = 512,
     fov: float | None = None,
+    up: str | None = None,
+    unit: str | None = None,
     method: str = "exact",
     **options: Any,
 ) -> FloatArray:
@@ -204,7 +213,7 @@ def depth_image(
 
     Parameters
     ----------
-    mesh, azimuth, elevation, distance, eye
+    mesh, azimuth, elevation, distance, eye, up, unit
         As in `occlude`.
     resolution : int
         Pixels along a side.
@@ -236,7 +245,7 @@ def depth_image(
     """
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
-    mesh = as_mesh(mesh)
+    mesh = as_mesh(mesh, up=up, unit=unit)
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")
@@ -325,7 +334,11 @@ def _scanned(
     """Return what a sensor in the camera's place measures, in random order."""
     found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=rng, method=method, **options)
     if not len(found):
-        raise MeshError(f"a mesh must return some ray of the sensor; {mesh.name} returns none. Move it nearer?")
+        away = float(np.linalg.norm(view.eyes[0] - mesh.centre))
+        raise MeshError(
+            f"a mesh must return some ray of the sensor; {mesh.name}, {mesh.longest_side:.4g} m long and {away:.4g} m "
+            "away, returns none. Move it nearer, or give unit= if these are no metres."
+        )
     found = found.select(draw(np.arange(len(found)), n_points, rng))
     colors = None
     if mesh.colors is not None:

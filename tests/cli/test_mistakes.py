@@ -115,7 +115,7 @@ REFUSED = [
     ("visible a.off --out a.ply --cameras cameras.json --union --index 0", "Leave one out"),
     ("visible a.off --out a.ply --index 3", "--index must go with --cameras"),
     ("visible a.off --out a.ply --union", "--union must go with --cameras"),
-    ("visible a.off --out a.ply --sensor vlp-16", "is of `zbuf-occlude scan`; its --size file keeps the unit."),
+    ("visible a.off --out a.ply --sensor vlp-16", "is of `zbuf-occlude scan`"),
     ("visible a.off --out a.obj --points 9", "--points must go with a cloud"),
     ("visible a.off --out a.obj --method oracle", "--method must be exact"),
     ("views a.off --out a.png", "--coverage"),

@@ -7,8 +7,9 @@ import click
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
-from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, given, suffix_of, up_option
+from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
+from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
+from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, frame_options, given, suffix_of
 from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
@@ -17,7 +18,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
-from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
@@ -30,7 +31,7 @@ from zbuf_occlude.views import from_angles
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
-@up_option
+@frame_options
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
 def scan_command(
     meshes: tuple[Path, ...],
@@ -40,6 +41,7 @@ def scan_command(
     seed: int,
     picture: Path | None,
     up: str | None,
+    unit: str | None,
     out: Path,
     **options: Any,
 ) -> None:
@@ -63,13 +65,15 @@ def scan_command(
         if picture.suffix.lower() != ".png":
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
+    options["size"] = size_of_files(click.get_current_context(), options["size"])
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
     if setup.height is not None and given(click.get_current_context(), ("elevation",)):
         raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
-    collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
+    collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(setup.transparent))
     check_sizes(setup, collection)
-    capture = scan_once(collection, setup, azimuth, elevation, seed)
+    warn_of_lying(collection[:1], up)
+    capture, size = scan_once(collection, setup, azimuth, elevation, seed)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
@@ -78,19 +82,31 @@ def scan_command(
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    lengths = lengths_of(setup, unit) or f"in {unit}"
+    echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
     if not len(found):
         passing = capture.scene.passing
         if passing is not None and (passing[capture.scene.instances == 0] == 1.0).all():
             said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
         else:
-            said = "no ray met the object within the sensor's range. Lower --range."
+            away = float(np.linalg.norm(capture.pose[:3, 3]))
+            sensor = setup.made_sensor
+            reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
+            said = (
+                f"no ray met the object, {size:.4g} m long and {away:.4g} m away; {sensor.name} measures {reach}. "
+                "Give another --range, or the file's --unit."
+            )
         echo(f"warning: {said}", err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 
 
-def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
+def scan_once(
+    collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int
+) -> tuple[Capture, float]:
+    """Return the capture of a collection's first mesh, and the metres of that mesh's longest side.
+
+    The rest of the collection, or the built-in shapes, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
     """
@@ -118,7 +134,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.passing is None:
         raise OptionError(no_windows("--transparent", loaded))
-    return capture
+    return capture, size
 
 
 SURROUNDINGS = 4.0

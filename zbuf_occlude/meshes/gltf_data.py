@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.extras import reason
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints
 from zbuf_occlude.meshes.text import as_doubles
@@ -86,11 +87,9 @@ class Data:
         """Return what DracoPy makes of the view that a primitive's extension names."""
         try:
             import DracoPy
-        except ImportError:
-            raise MeshError(
-                "a mesh compressed by Draco needs the package DracoPy; it is missing. Install it "
-                "(pip install zbuf-occlude[draco]), or export the mesh plainly."
-            ) from None
+        except ImportError as error:
+            said = reason("DracoPy", error)
+            raise MeshError(f"a mesh compressed by Draco {said}, or export the mesh plainly.") from None
         content = self._whole_view(packed)
         try:
             return DracoPy.decode(content)

@@ -9,9 +9,9 @@ import numpy as np
 
 from zbuf_occlude.documents import Number, line, parse_document, read_limited
 from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.meshes.load import UP, load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, Sizes, size_of
@@ -84,7 +84,7 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     for name in given:
         check_word("a key of an object", name, KNOWN)
     found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
-    check_word("up", found.get("up", UP[0]), UP)
+    check_frame(found.get("up"), None)
     found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
     if builtin:
         return found

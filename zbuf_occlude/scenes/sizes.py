@@ -17,7 +17,8 @@ SIZES: dict[str, float] = {
     # what ShapeNetCore calls otherwise, or has besides
     "aeroplane": 18.0, "ashcan": 0.6, "bag": 0.45, "basket": 0.4, "bicycle": 1.8, "birdhouse": 0.3, "bookcase": 1.9,
     "boat": 8.0, "bus": 12.0, "cabinet": 1.2, "camera": 0.15, "can": 0.12, "cap": 0.28, "cellular_telephone": 0.15,
-    "clock": 0.35, "cell_phone": 0.15, "computer_keyboard": 0.45, "couch": 2.1, "dishwasher": 0.85, "display": 0.55,
+    "clock": 0.35, "cell_phone": 0.15, "computer_keyboard": 0.45, "couch": 2.1, "cyclist": 1.8,
+    "dishwasher": 0.85, "display": 0.55,
     "earphone": 0.2, "faucet": 0.3, "file_cabinet": 1.2, "helmet": 0.3, "jar": 0.25, "knife": 0.3,
     "loudspeaker": 0.5, "mailbox": 1.2, "microphone": 0.25, "microwave": 0.5, "motorbike": 2.1, "motorcycle": 2.1,
     "mug": 0.12, "pedestrian": 1.75, "piano_grand": 1.6, "pillow": 0.5, "pistol": 0.2, "printer": 0.5, "remote": 0.18,
@@ -94,5 +95,6 @@ def size_of(label: str, sizes: Sizes, longest_side: float) -> float:
         if name in table:
             return table[name]
     raise OptionError(
-        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or --size file."
+        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or the "
+        "files' --unit, or --size file where they are in metres."
     )

@@ -89,8 +89,10 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
         up = floor + setup.height
         elevation, distance = np.arctan2(up, lengths), np.hypot(up, lengths)
     if (lengths <= size / 2).any():
+        is_of_file = isinstance(setup.size, str)
+        cure = ", or give the --unit of the files: without it they are taken to be in metres" if is_of_file else ""
         raise MeshError(
-            f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise --range."
+            f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise --range{cure}."
         )
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 

@@ -178,6 +178,8 @@ def scan(
     azimuth: float | None = None,
     elevation: float | None = None,
     size: float | None = None,
+    up: str | None = None,
+    unit: str | None = None,
     transparent: Mapping[str, float | None] | None = None,
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
@@ -205,6 +207,11 @@ def scan(
         With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
+    up : {"z", "y"}, optional
+        Which way is up in the mesh. Here z is: one with y up is turned, (x, y, z) to (x, -z, y). By default "y" for
+        glTF files, and "z" for all else.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Instead of `size`: the unit that the mesh is in.
     transparent : mapping of str to float or None, optional
         Of a mesh: materials that let light pass by name, which may have ``*``, and its share; None: the share that the
         file says (alpha of glTF, d of MTL). Without it a mesh that has colours is as its file says, any other opaque.
@@ -260,17 +267,19 @@ def scan(
     if not isinstance(transparent, Mapping | None):
         raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(transparent).__name__}.")
     if not isinstance(scene, Scene):
-        mesh = as_mesh(scene, colors=transparent is not None)
+        if size is not None and unit is not None:
+            raise ArgumentError(f"give size or unit, not both; got {size} and {unit!r}. A size needs no unit.")
+        mesh = as_mesh(scene, up=up, unit=unit, colors=transparent is not None)
         scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
         if transparent and scene.passing is None:
             raise ArgumentError(no_windows("transparent", mesh))
-    elif size is not None or transparent is not None:
-        raise ArgumentError("size and transparent are for a mesh; a scene has its own. Leave them out.")
+    elif any(each is not None for each in (size, up, unit, transparent)):
+        raise ArgumentError("size, up, unit and transparent are for a mesh; a scene has its own. Leave them out.")
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
         angles = (0.0 if angle is None else angle for angle in (azimuth, elevation))
-        pose = _pose_at(scene.mesh, range, *angles)
+        pose = _pose_at(scene.mesh, range, *angles, is_assumed=size is None and unit is None)
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
@@ -324,13 +333,19 @@ def _of_size(mesh: Mesh, size: float | None) -> Mesh:
     return mesh.transformed(factor, mesh.centre * (1.0 - factor))
 
 
-def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float) -> FloatArray:
-    """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees."""
+def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float, *, is_assumed: bool) -> FloatArray:
+    """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees.
+
+    `is_assumed`: nobody said that the mesh is in metres.
+    """
     distance = as_number(distance, "range", "metres above 0", lambda number: number > 0.0)
     view = from_angles(azimuth, elevation, distance).around(mesh.centre, 1.0)
     if mesh.in_box(view.eyes).any():
+        how, cure = (", its numbers taken as metres", ", or give unit=") if is_assumed else ("", "")
         warnings.warn(
-            f"the sensor stands inside the mesh's bounding box. Raise range; it is {distance:g}.", stacklevel=3
+            f"the sensor stands inside the mesh's bounding box: range is {distance:g} m, the mesh's longest side "
+            f"{mesh.longest_side:g} m{how}. Raise range{cure}.",
+            stacklevel=3,
         )
     return look_at(view.eyes[0], mesh.centre)
 
