@@ -62,7 +62,7 @@ def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modeln
     whole = {path.name: path.read_bytes() for path in out.glob("*.h5")}
     (out / "ply_data_test0.h5").unlink()
     assert "faults found. Copy those files from where" in run("verify out", code=1).out
-    run(line, says="out/ply_data_test0.h5 is missing, and is made again")
+    run(line, says="out/ply_data_test0.h5 is missing or damaged, and is made again")
     assert {path.name: path.read_bytes() for path in out.glob("*.h5")} == whole
 
 
