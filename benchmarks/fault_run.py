@@ -208,18 +208,14 @@ def together(format: str, tries: int, folder: Path, rng: random.Random) -> list[
 def small_disk(place: Path, kind: str, room: int) -> Iterator[Callable[[], None]]:
     """Mount a file system with so much room, bytes; yields what makes room."""
     place.mkdir(exist_ok=True)
-    image, ballast = place.with_suffix(".img"), place / "ballast"
+    ballast = place / "ballast"
     if kind == "tmpfs":
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={4096 + room}", "tmpfs", place], check=True)
-        (place / "out").mkdir()
     else:
-        image.write_bytes(b"")
-        os.truncate(image, IMAGE)
-        subprocess.run(["mkfs.ext4", "-q", "-F", "-m", "0", "-O", "^has_journal", image], check=True)
-        subprocess.run(["mount", "-o", "loop", image, place], check=True)
-        (place / "out").mkdir()
-        ballast.write_bytes(bytes(max(0, shutil.disk_usage(place).free - room)))
-        os.sync()
+        with tempfile.NamedTemporaryFile() as image:  # another each time: its device stays busy for a while
+            os.truncate(image.name, IMAGE)
+            subprocess.run(["mkfs.ext4", "-q", "-F", "-m", "0", "-O", "^has_journal", image.name], check=True)
+            subprocess.run(["mount", "-o", "loop", image.name, place], check=True)
 
     def make_room() -> None:
         if kind == "tmpfs":
@@ -227,6 +223,12 @@ def small_disk(place: Path, kind: str, room: int) -> Iterator[Callable[[], None]
         ballast.unlink(missing_ok=True)
 
     try:
+        (place / "out").mkdir()
+        if kind != "tmpfs":
+            with suppress(OSError), open(ballast, "wb", 0) as file:
+                while file.write(bytes(4096)):
+                    pass
+            os.truncate(ballast, max(0, ballast.stat().st_size - room))
         yield make_room
     finally:
         subprocess.run(["umount", place], check=True)
