@@ -277,6 +277,7 @@ def generate_command(
         bar = progress_bar(total, "clouds", "generate")
 
         def begun(*work: Any, bar: Any = bar) -> None:
+            bar.delay = 0.0  # else what is shown now is not ended with its line
             bar.refresh()
             run(*work)
 

@@ -12,6 +12,7 @@ import numpy as np
 from zbuf_occlude import sensors
 from zbuf_occlude.cli.shared_options import suffix_of
 from zbuf_occlude.cli.shell import Command, echo
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import tried
 from zbuf_occlude.gl.context import ENVIRONMENT
@@ -145,7 +146,7 @@ def _draw(sensor: Sensor, path: Path) -> None:
     whole.set_title(f"{sensor.name}: {len(rays):,} rays, coloured by ring", fontsize=10)
     near.set_title("six degrees of it", fontsize=10)
     near.set_aspect("equal")
-    figure.savefig(path, format="png", dpi=110)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 @click.command(cls=Command)

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 import numpy as np
@@ -259,9 +259,20 @@ def write_exr(path: Path, depths: FloatArray) -> None:
     """Write one float channel, Z, as compositing programs expect depth."""
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"Z": depths.astype(np.float32)}) as file:
-        file.write(str(path))
+    header, wanted = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, depths.astype(np.float32)
+
+    def fill(file: IO[bytes]) -> None:
+        try:
+            with OpenEXR.File(header, {"Z": wanted}) as picture:
+                picture.write(file.name)
+            with OpenEXR.File(file.name) as picture:  # what the disk had no room for when it was closed goes unsaid
+                whole = np.array_equal(picture.channels()["Z"].pixels, wanted)
+        except RuntimeError:
+            whole = False
+        if not whole:
+            raise OSError  # without a number, as NumPy's
+
+    atomic.write(path, fill)
 
 
 @click.command(cls=Command)
@@ -338,4 +349,4 @@ def draw_coverage(path: Path, found: Coverage) -> None:
     axes.set_xlabel("view", fontsize=10)
     axes.set_ylabel("surface seen, %", fontsize=10)
     axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
-    figure.savefig(path, format="png", dpi=120)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=120))

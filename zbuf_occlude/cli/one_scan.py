@@ -11,6 +11,7 @@ from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
 from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, frame_options, given, suffix_of
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -170,7 +171,7 @@ def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
             eye = centre + 3.5 * radius * np.array([np.cos(angle), np.sin(angle), 0.45])
             colour = colours(values[shown])
             draw_cloud(axes, scan.positions[shown], eye=eye, target=centre, values=colour, radius=radius, size=size)
-    figure.savefig(path, format="png", dpi=110)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:

@@ -13,7 +13,7 @@ from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.contents import read_scene
+from zbuf_occlude.scenes.contents import read_scene, with_checksums
 from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import FILE, SIZES, size_of, sizes_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
@@ -186,8 +186,9 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         return None
     sensor = parse_sensor(options["sensor"], options["set_sensor"])
     scene, objects = options["scene"], list[dict[str, Any]]()
+    transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":
-        scene, objects = "file", read_scene(Path(scene))
+        scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
     return Setup(
@@ -201,7 +202,7 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         keep_clean=options["keep_clean"],
         sensor_height=options["sensor_height"],
         method=method,
-        transparent=dict(_material(each) for each in options["transparent"]),
+        transparent=transparent,
         motion=_motion(options),
     )
 

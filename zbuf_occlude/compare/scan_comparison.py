@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.extras import importing
@@ -420,7 +421,8 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     folder.mkdir(parents=True, exist_ok=True)
     data = folder / "scans.json"
     document = {"sensor": sensor.document, "scans": [each.document for each in found]}
-    data.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    text = json.dumps(document, indent=1) + "\n"
+    atomic.write(data, lambda file: file.write(text.encode()))
     mean, hidden = (float(np.mean([getattr(each, name) for each in found])) for name in ("agreement", "false_hidden"))
     pictures = [Picture(f"scan_{i}", as_png(draw_cases(each)), verbatim(each.name)) for i, each in enumerate(found)]
     sections: list[Section] = [_table_of_scans(found), *pictures, _table_by_incidence(found), _table_by_range(found)]

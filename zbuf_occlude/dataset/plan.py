@@ -492,7 +492,9 @@ def _shuffled(seed: int, split: str, group: int, n_clouds: int) -> Numbers:
 
 
 def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
-    """Say what became of a value; of a mapping, what became of each of its own."""
+    """Say what became of a value; of a mapping, or a list of mappings, what became of each of its own."""
+    if all(isinstance(each, list | tuple) and all(isinstance(one, Mapping) for one in each) for each in (then, now)):
+        then, now = ({str(number): one for number, one in enumerate(each)} for each in (then, now))
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for key in sorted(then.keys() | now.keys()):
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.documents import Number, line, parse_document, read_limited
-from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import load_mesh
@@ -94,6 +94,19 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     return {**found, "mesh": mesh}
 
 
+def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[str, Any]]:
+    """Return a scene's objects with the SHA-256 of what each mesh is made of, with its `colors` or without.
+
+    MeshError where a mesh cannot be used.
+    """
+    return [
+        {**each, "sha256": load_mesh(each["mesh"], up=each.get("up"), colors=colors).origin.sha256}
+        if "mesh" in each
+        else each
+        for each in objects
+    ]
+
+
 def placed_of(
     objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
 ) -> list[Placed]:
@@ -103,12 +116,20 @@ def placed_of(
     ------
     MeshError
         A file cannot be used.
+    DatasetError
+        A mesh is not what its checksum says (`with_checksums`).
     """
     placed = []
     for given in objects:
         label = str(given.get("class", Path(given.get("mesh", "")).stem))
         if "mesh" in given:
-            mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
+            loaded = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent))
+            if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
+                raise DatasetError(
+                    f"{given['mesh']} must be what the scene was made with, sha256 {given['sha256'][:12]}...; it is "
+                    f"{loaded.origin.sha256[:12]}... Put it back, or make all clouds again with --overwrite."
+                )
+            mesh = loaded.transparent(transparent or {})
         else:
             mesh = road_user(label)
         size = given.get("size", size_of(label, FILE, mesh.longest_side))
