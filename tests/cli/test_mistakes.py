@@ -43,7 +43,7 @@ REFUSED = [
     ("generate a.off --density inf", "density must be at most 2,147,483,647; got inf"),
     ("generate a.off --density=-1", "density must be positive; got -1"),
     ("generate a.off --points 7 --density 2", "exclude each other"),
-    ("generate a.off --mesh-seconds nan", "seconds that a mesh may take must be positive; got nan"),
+    ("generate a.off --mesh-seconds nan", "'--mesh-seconds': nan is not a finite number"),
     *((f"generate a.off --shard={share}", f"0 <= I < N; got {share!r}") for share in SHARES),
     ("generate a.off --classes ''", "it must have a word, or several between commas; got ''"),
     ("generate a.off --splits ' , '", "it must have a word, or several between commas"),
