@@ -135,6 +135,7 @@ def sound_files() -> dict[str, list[bytes]]:
         body = np.array(prism, f"{order}f8").tobytes()
         body += b"".join(bytes([len(f)]) + np.array(f, f"{order}i4").tobytes() + b"\7" for f in polygons)
         files[".ply"].append(head.format(name, "x", "y", "z").encode() + body)
+    files[".ply"] += [data.replace(b"element face", b"element tristrips") for data in files[".ply"][-3:]]
     files[".glb"].append(scene.export(file_type="glb"))
     document, blob = unpacked(files[".glb"][0])
     for rich in (document, rich_document()):
@@ -209,7 +210,7 @@ def rich_document() -> dict[str, Any]:
         {"attributes": {"POSITION": 0}, "indices": 1},
         {"attributes": {"POSITION": 2}, "mode": 5},
         {"attributes": {"POSITION": 0}, "mode": 6, "indices": 1},
-        {"attributes": {"POSITION": 0, "JOINTS_0": 4, "WEIGHTS_0": 5}, "indices": 1},
+        {"attributes": {"POSITION": 0, "JOINTS_0": 4, "WEIGHTS_0": 5}, "indices": 1, "targets": [{"POSITION": 2}]},
     ]
     return {
         "asset": {"version": "2.0"},
@@ -217,7 +218,7 @@ def rich_document() -> dict[str, Any]:
         "buffers": [{"byteLength": len(blob), "uri": "data:;base64," + base64.b64encode(blob).decode()}],
         "bufferViews": views,
         "accessors": accessors,
-        "meshes": [{"primitives": [primitive]} for primitive in primitives],
+        "meshes": [{"primitives": [primitive], "weights": [0.5]} for primitive in primitives],
         "skins": [{"joints": [4, 5], "inverseBindMatrices": 6}],
         "nodes": [
             {"mesh": 0, "children": [1, 2, 4], "rotation": [0, 0.6, 0, 0.8], "scale": [1, -2, 1]},
@@ -225,7 +226,7 @@ def rich_document() -> dict[str, Any]:
             {"mesh": 2, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 3}}}},
             {"mesh": 3, "skin": 0},
             {"translation": [1, 0, 0], "children": [5]},
-            {"translation": [0, 1, 0]},
+            {"translation": [0, 1, 0], "mesh": 3, "extensions": {"KHR_node_visibility": {"visible": False}}},
         ],
         "scene": 0,
         "scenes": [{"nodes": [0, 3]}],

@@ -1,13 +1,16 @@
 """A dataset on disk, then PyTorch: python dataset_and_training.py [ModelNet40 | options of generate]
 
 The dataset is what `zbuf-occlude generate` makes; the same command again finds it done. Without a folder of meshes the
-built-in shapes are used, some of them, so that it takes a minute; the training loop is a plain one.
+built-in shapes are used, some of them, so that it takes a minute; the training loop is a plain one. Needs PyTorch.
 """
 
 import subprocess
 import sys
 
-import torch
+try:
+    import torch
+except ImportError:
+    raise SystemExit("this example needs PyTorch: pip install 'zbuf-occlude[learn]'") from None
 from torch.utils.data import DataLoader
 
 from zbuf_occlude.dataset.torch import CloudDataset, augmentation

@@ -1,11 +1,15 @@
 """Occluded clouds of meshes without a dataset: python on_the_fly.py
 
 Each time a mesh is asked for, another eye looks at it. In a DataLoader's workers the meshes stay prepared.
+Needs PyTorch.
 """
 
 import time
 
-import torch
+try:
+    import torch
+except ImportError:
+    raise SystemExit("this example needs PyTorch: pip install 'zbuf-occlude[learn]'") from None
 from torch.utils.data import DataLoader, Dataset
 
 from zbuf_occlude import shapes

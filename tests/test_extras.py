@@ -3,11 +3,13 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import zbuf_occlude as zo
 from tests.processes import python, run_program
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import importing, reason
 
@@ -148,3 +150,16 @@ def test_what_this_package_raises_while_another_is_imported_stays_as_it_is() -> 
 def test_what_is_said_of_a_missing_library_comes_with_the_command(said: str, cure: str) -> None:
     """As pyglet words it, which pyrender imports, and the loader; installing the package again would change nothing."""
     assert cure in reason("numpy", ImportError(said))
+
+
+@pytest.mark.parametrize(
+    ("package", "options", "extra"),
+    [("fpsample", {"subset": "fps"}, "fps"), ("PIL", {"attributes": ["colors"]}, "report")],
+)
+def test_recipes_name_the_extra_as_all_others_do(
+    monkeypatch: pytest.MonkeyPatch, package: str, options: dict[str, Any], extra: str
+) -> None:
+    monkeypatch.setattr("zbuf_occlude.extras.find_spec", lambda name: None)
+    said = rf"needs the package {package}; install it: pip install 'zbuf-occlude\[{extra}\]'"
+    with pytest.raises(UnavailableError, match=said):
+        Recipe(**options)

@@ -4,6 +4,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,14 @@ import pytest
 from trimesh.creation import box
 
 import zbuf_occlude as zo
-from zbuf_occlude.errors import ArgumentError, MeshError, OccludeError, OptionError
+from zbuf_occlude.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
 from zbuf_occlude.limits import Limits
+from zbuf_occlude.scenes import Placed
+from zbuf_occlude.sensors.setup import Setup
 
 CUBE = zo.Mesh.from_trimesh(box())
+VIEWS = zo.views.for_mesh(CUBE, "ring:2@30")
+SENSOR = zo.sensors.make("vlp-16").document
 PLY = (
     "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\n"
@@ -82,6 +87,71 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.views.parse(None), "views must be paper100, .*; got None"),
         (lambda: zo.load_mesh(box()), "path must be a path; got Trimesh"),
         (lambda: zo.prepare(zo.SurfacePoints.free(np.zeros((0, 3))), "hidden_point_removal"), "must have points|needs"),
+        (lambda: zo.frames(CUBE, "ring:8@30"), "views must be Views; got str"),
+        (lambda: zo.frames(CUBE, None), "views must be Views; got NoneType"),
+        (lambda: zo.frames(CUBE, VIEWS, colors="no"), "colors must be True or False; got 'no'"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, split="a\0b"), "split must be the name of a folder"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, split=1), "split must be the name of a folder"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, background=None), "background must be labels"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), 3), "views must be Views; got int"),
+        (lambda: zo.Scene.of(None), "mesh must be a path, a Mesh, .* got NoneType"),
+        (lambda: zo.Scene.of(CUBE, 3), "a label must be a word; got 3"),
+        (lambda: Placed(None), "mesh of object must be a Mesh; got NoneType"),
+        (lambda: Placed(CUBE, is_background=2), "is_background of object must be True or False; got 2"),
+        (lambda: zo.visibility_grid(CUBE, [3, 2, 1], n=10**6), "at most 134,217,728 voxels .*; 1 of 1000000 along"),
+        (lambda: zo.visibility_grid(CUBE, np.ones((9, 3)), n=300), "voxels for all eyes together; 9 of 300"),
+        (lambda: zo.visibility_grid(CUBE, [3, 2, 1], n=2).tsdf(True), "truncation must be a length above 0"),
+        (lambda: zo.prepare(CUBE, "occupancy_grid", n=True), "n must be a number, like the default"),
+        (lambda: zo.compare_scans(CUBE, [[[1, 2, 3]]], "vlp-16", refine="no"), "refine must be True or False"),
+        (lambda: zo.compare_scans(CUBE, [[[1, 2, 3]]], "vlp-16", tolerance=True), "tolerance must be a length above 0"),
+        (lambda: zo.blockers(CUBE, None, [3, 2, 1]), "points must be SurfacePoints; got NoneType"),
+        (lambda: zo.visible_faces(CUBE, [3, 2, 1], exactly="no"), "exactly must be True or False; got 'no'"),
+        (lambda: zo.load_mesh("a.off", colors="no"), "colors must be True or False; got 'no'"),
+        (lambda: zo.load_mesh("a.off", name=3), "name must be a word; got 3"),
+        (lambda: zo.MeshCollection.from_paths("a.off", colors=1), "colors must be True or False; got 1"),
+        (lambda: zo.occlude(CUBE, azimuth=True, elevation=0), "azimuth must be a number, degrees; got True"),
+        (lambda: zo.occlude(CUBE, azimuth=0, elevation=10**400), "elevation must be a number"),
+        (lambda: zo.occlude(CUBE, azimuth=0, distance=[1, 2]), r"distance must be a positive number; got \[1, 2\]"),
+        (lambda: zo.occlude(CUBE, eye=[1e155, 0, 0]), r"eye must be finite and below 1e\+70"),
+        (lambda: zo.occlude(CUBE, eye=["1", "2", "3"]), r"eye must be \(3,\); got \(3,\) <U1"),
+        (lambda: zo.occlude(CUBE, azimuth=0, method=["exact"]), "method must be one of"),
+        (lambda: zo.scan(CUBE, "vlp-16", range=5, azimuth=set()), "azimuth must be a number, degrees"),
+        (lambda: zo.scan(CUBE, "vlp-16", range=5, transparent=[1, 2]), "transparent must be a mapping"),
+        (
+            lambda: zo.scan(CUBE, "vlp-16", np.eye(4) + np.eye(4, k=3) * 1e155),
+            "pose must be finite and below",
+        ),
+        (lambda: zo.scan(CUBE, "vlp-16", range=5, towards=np.zeros((0, 3))), r"towards must be \(2, 3\); got \(0, 3\)"),
+        (lambda: zo.compare_scans(CUBE, [[[1, 2, 3]]], "vlp-16", depth_unit=None), "depth_unit must be a length"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, background=np.array(2)), "background must be labels"),
+        (lambda: zo.views.for_mesh(CUBE, np.zeros((2, 2))), "views must be paper100"),  # type: ignore[arg-type]
+        (lambda: zo.visible_mesh(CUBE, [[1], [1, 2]]), "eyes must be .*; got rows of unequal length"),
+        (lambda: zo.visible_vertices(CUBE, [[1], [1, 2]]), "eyes must be .*; got rows of unequal length"),
+        (lambda: zo.sample_surface(CUBE, density=1e308), "at most 2.31 - 1 can be made"),
+        (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, split="9" * 900), "split must be the name of a folder"),
+        (lambda: zo.sensors.look_at([[1], [1, 2]], [0, 0, 0]), "position must be .*; got rows of unequal length"),
+        (lambda: Setup(SENSOR, range=[[1], [1, 2]]), "--range must be a number, or two"),
+        (lambda: Setup(SENSOR, range=np.array(2)), "--range must be a number, or two"),
+        (lambda: zo.sensors.make("vlp-16", name="x"), "a number of the sensor vlp-16 must be one of .* got 'name'"),
+        (lambda: zo.sensors.make("vlp-16", self=1), "a number of the sensor vlp-16 must be one of .* got 'self'"),
+        (lambda: zo.sensors.make("vlp-16", sigma=1j), "sigma of a sensor must be a number"),
+        (lambda: zo.views.parse("ring:3@30", seed="a"), "seed must be an int"),
+        (lambda: zo.views.parse("ring:3@30", farthest=Fraction(1, 2)), r"distances must run upwards; got 4\.\.0\.5"),
+        (lambda: zo.views.parse("ring:3@30", farthest="9"), "distance must be a positive number; got '9'"),
+        (lambda: zo.views.ring(True, elevation=0), "must be a positive int; got True"),
+        (lambda: zo.Views([1j], [0], [1]), "must be numbers"),
+        (lambda: zo.Views([0.0], [0.0], [1.0], target=(1e155, 0, 0)), r"target must be finite and below 1e\+70"),
+        (lambda: zo.depth_image(CUBE, azimuth=0, fov=1e-300), "fov must be a number from 0.001 to 179.9, degrees"),
+        (lambda: Setup(SENSOR, size="banana"), "--size must be .*; got 'banana'"),
+        (lambda: Setup(SENSOR, size={"car": "big"}), "--size must be .*; got {'car': 'big'}"),
+        (lambda: Setup(SENSOR, size="1,2"), "each class once; got '1,2'"),
+        (lambda: Setup(SENSOR, range="far"), r"--range must be a number, or two as A\.\.B; got 'far'"),
+        (lambda: Setup(SENSOR, range=[1, 2, 3]), r"--range must be a number, or two as A\.\.B"),
+        (lambda: Setup(SENSOR, keep=2), "keep must be a word; got 2"),
+        (lambda: Setup(SENSOR, keep_clean="no"), "keep_clean must be True or False; got 'no'"),
+        (lambda: Setup(SENSOR, method="guess"), "method must be one of"),
+        (lambda: Setup(SENSOR, scene="ground", sensor_height="2"), "--sensor-height must be metres above 0"),
+        (lambda: Setup(SENSOR, transparent={"a": "b"}), "a share in 0..1; got 'a'='b'"),
     ],
 )
 def test_what_is_no_argument_is_one_clear_error(call: Callable[[], object], said: str) -> None:
@@ -89,7 +159,33 @@ def test_what_is_no_argument_is_one_clear_error(call: Callable[[], object], said
         call()
 
 
-@pytest.mark.parametrize("seed", [-1, "a", 1.5])
+@pytest.mark.parametrize("value", [7, 7.0, "7", (7, 7), np.float64(7), np.array([7.0, 7.0])])
+def test_python_and_a_person_write_the_same_range(value: object) -> None:
+    assert tuple(Setup(SENSOR, range=value).range or ()) == (7.0, 7.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("value", "sizes"),
+    [(None, {}), ({}, {}), (2, {"*": 2.0}), ("2", {"*": 2.0}), ("file", "file"), ({"car": 4}, {"car": 4.0})],
+)
+def test_python_and_a_person_write_the_same_sizes(value: object, sizes: object) -> None:
+    assert Setup(SENSOR, size=value).size == sizes  # type: ignore[arg-type]
+
+
+def test_a_sensor_is_taken_wherever_its_name_is() -> None:
+    sensor = zo.sensors.make("vlp-16")
+    assert zo.sensors.make(sensor) is sensor
+    assert zo.sensors.make(sensor, columns=9).pattern["columns"] == 9
+
+
+def test_a_message_shows_a_value_in_one_line_whatever_it_is() -> None:
+    for value in (10**5000, "a\nb", np.zeros((3, 3)), ["x" * 999] * 999, object()):
+        said = shown(value)
+        assert "\n" not in said
+        assert 0 < len(said) <= 60
+
+
+@pytest.mark.parametrize("seed", [-1, "a", 1.5, True, [1, 2]])
 def test_a_seed_that_is_none(seed: object) -> None:
     for draw in (
         lambda: zo.sample_surface(CUBE, n_points=3, seed=seed),  # type: ignore[arg-type]

@@ -155,7 +155,7 @@ def test_bad_csv(tmp_path: Path, content: bytes, words: str) -> None:
         (([0, 1], [0, 0, 0], 4.0), "one length; got 2, 3 and 1."),
         (([[0.0]], [0.0], 4.0), "got (1, 1) and (3,)."),
         (([0.0], [0.0], 4.0, (0, 0)), "got (1,) and (2,)."),
-        (([0.0], [np.nan], 4.0), "elevation must be finite; got nan."),
+        (([0.0], [np.nan], 4.0), "elevation must be finite and below 1e+70; got nan."),
         (([0.0], [45.0], 4.0), "got 2578.31 degrees. Give radians."),
         (([0.0], [0.0], 0.0), "distance must be positive; got 0."),
         ((["east"], [0.0], 4.0), "must be numbers"),

@@ -1,11 +1,14 @@
-"""Shape, dtype and finiteness checks at the public border; everything inside may trust its arrays."""
+"""Checks of arrays, numbers and flags at the public border; everything inside may trust what it is given."""
 
+import math
+from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.errors import ArgumentError, shown
 from zbuf_occlude.jit.compiler import njit
 
 LARGEST = 1e70
@@ -40,13 +43,38 @@ def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one ar
 
 def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:
     """Return values as float64; raise ArgumentError unless they are numbers in an array of that shape."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = None
-    if array is None or array.shape != shape:
+    array = as_array(values, name, str(shape or "a number"), hint.strip() or "Pass one array.")
+    if array.dtype.kind not in "fiu" or array.shape != shape:
         raise ArgumentError(f"{name} must be {shape or 'a number'}; got {shape_and_dtype(values)}.{hint}")
-    return array
+    return np.asarray(array, dtype=np.float64)
+
+
+def as_number(value: Any, name: str, want: str, fits: Callable[[float], bool] = lambda number: True) -> float:
+    """Return a value as a float; raise ArgumentError unless it is a finite real number that fits.
+
+    Parameters
+    ----------
+    value : real number
+        A bool is none, nor is a text.
+    name, want : str
+        What the caller calls it, and what it must be: "{name} must be {want}; got ...".
+    fits : callable
+        Whether a finite number is what is wanted.
+    """
+    try:
+        number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not (math.isfinite(number) and fits(number)):
+        raise ArgumentError(f"{name} must be {want}; got {shown(value)}.")
+    return number
+
+
+def as_flag(value: Any, name: str) -> bool:
+    """Return a bool; raise ArgumentError for what is none, such as the word "no", which is true."""
+    if not isinstance(value, bool | np.bool_):
+        raise ArgumentError(f"{name} must be True or False; got {shown(value)}.")
+    return bool(value)
 
 
 def as_vectors(values: ArrayLike, name: str) -> FloatArray:
@@ -73,6 +101,11 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
         what = f"at most {LARGEST:g} in size" if np.isfinite(array).all() else "finite"
         raise ArgumentError(f"{name} must be {what}; row {bad} is {array[bad].tolist()}. Remove or repair it.")
     return array
+
+
+def as_vector(values: ArrayLike, name: str) -> FloatArray:
+    """Return one vector (3,), checked as `as_vectors` does it."""
+    return as_vectors(as_array(values, name, "(3,) float")[None], name)[0]
 
 
 def as_triples(values: ArrayLike, name: str) -> FloatArray:

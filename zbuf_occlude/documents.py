@@ -200,7 +200,7 @@ def _floats(value: Any, depth: int) -> Any:
         return value
     if isinstance(value, (list, tuple, np.ndarray)) and depth:
         return [_floats(each, depth - 1) for each in value]
-    if isinstance(value, bool) or not isinstance(value, (str, int, float, np.number)):
+    if isinstance(value, bool) or not isinstance(value, (str, int, float, np.integer, np.floating)):
         raise _NoNumberError(value)
     try:
         return float(value)

@@ -4,6 +4,7 @@ Every message has the same form: what must be; what it is; what to do.
 """
 
 import re
+import reprlib
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from numbers import Integral, Real
@@ -59,6 +60,14 @@ class DatasetError(OccludeError, RuntimeError):
     """A dataset folder or file is not what it should be."""
 
 
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: in one line, of some sixty characters at most."""
+    try:
+        return printable(" ".join(reprlib.repr(value).split()))[:60]
+    except Exception:  # of whatever is passed in, a number of too many digits say
+        return f"a {type(value).__name__}"
+
+
 def in_words(error: Exception) -> str:
     """Return what an exception says, without the number and the file's name that are in an OSError's text."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
@@ -77,14 +86,16 @@ AnyRow = TypeVar("AnyRow", bound=_Row)
 
 def check_word(name: str, value: Any, known: Collection[str]) -> None:
     """Raise OptionError unless a value is one of the words that there are."""
-    if value not in known:
-        raise OptionError(f"{name} must be one of {', '.join(known)}; got {value!r}.{did_you_mean(value, known)}")
+    if not isinstance(value, str) or value not in known:
+        raise OptionError(f"{name} must be one of {', '.join(known)}; got {shown(value)}.{did_you_mean(value, known)}")
 
 
 def did_you_mean(value: Any, known: Iterable[str]) -> str:
     """Return a sentence that names the word that a mistyped one is nearest to; "" where none is near."""
+    if not isinstance(value, str):
+        return ""
     by_plain = {_plain(word): word for word in known}
-    found = get_close_matches(_plain(str(value)), by_plain, n=1)
+    found = get_close_matches(_plain(value), by_plain, n=1)
     return f" Did you mean {by_plain[found[0]]!r}?" if found else ""
 
 
@@ -101,12 +112,12 @@ def find_row(name: str, value: str, rows: Iterable[AnyRow]) -> AnyRow:
 
 
 def check_int(name: str, value: Any, least: int) -> None:
-    """Raise OptionError unless a value is an int of at least 1 or 0."""
-    if not isinstance(value, Integral) or value < least:
-        raise OptionError(f"{name} must be {'a positive int' if least else 'an int from 0'}; got {value!r}.")
+    """Raise OptionError unless a value is an int of at least 1 or 0, and below 2^63; a bool is none."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) < 2**63:
+        raise OptionError(f"{name} must be {'a positive int' if least else 'an int from 0'}; got {shown(value)}.")
 
 
 def check_fraction(name: str, value: float) -> None:
     """Raise OptionError unless a value is a fraction of the mesh's diagonal, below 1."""
-    if not isinstance(value, Real) or not 0.0 <= value < 1.0:
-        raise OptionError(f"{name} must lie in [0, 1), a fraction of the mesh's diagonal; got {value!r}.")
+    if not isinstance(value, Real) or isinstance(value, bool) or not 0.0 <= value < 1.0:
+        raise OptionError(f"{name} must lie in [0, 1), a fraction of the mesh's diagonal; got {shown(value)}.")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers
+from zbuf_occlude.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
 from zbuf_occlude.dataset.records import draw
 from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
-from zbuf_occlude.geometry.camera import picture_frusta
+from zbuf_occlude.geometry.camera import field_of_view, picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -96,6 +96,8 @@ def occlude(
     method: str = "exact",
     sensor: str | Path | Sensor | None = None,
     frame: str = "object",
+    up: str | None = None,
+    unit: str | None = None,
     colors: bool = False,
     **options: Any,
 ) -> PartialCloud:
@@ -125,6 +127,11 @@ def occlude(
         The points are the first hits of its rays, as `zbuf_occlude.scan` makes them: the mesh's unit is the metre.
     frame : {"object", "camera"}
         Of points, normals and eye: the mesh's own coordinates, or the camera's (x right, y up, looking along -z).
+    up : {"z", "y"}, optional
+        Which way is up in the mesh. Here z is: one with y up is turned, (x, y, z) to (x, -z, y), and its own
+        coordinates are then those. By default "y" for glTF files, and "z" for all else.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Of the mesh, whose own coordinates are metres then. By default its numbers stay, whatever they are.
     colors : bool
         Read base colours too, of what has them; grey where it has not.
     **options
@@ -167,7 +174,7 @@ def occlude(
     """
     check_word("frame", frame, FRAMES)
     check_keywords(occlude, method, options)
-    mesh = as_mesh(mesh, colors=colors)
+    mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -197,6 +204,8 @@ def depth_image(
     eye: ArrayLike | Views | None = None,
     resolution: int = 512,
     fov: float | None = None,
+    up: str | None = None,
+    unit: str | None = None,
     method: str = "exact",
     **options: Any,
 ) -> FloatArray:
@@ -204,7 +213,7 @@ def depth_image(
 
     Parameters
     ----------
-    mesh, azimuth, elevation, distance, eye
+    mesh, azimuth, elevation, distance, eye, up, unit
         As in `occlude`.
     resolution : int
         Pixels along a side.
@@ -236,15 +245,13 @@ def depth_image(
     """
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
-    mesh = as_mesh(mesh)
+    mesh = as_mesh(mesh, up=up, unit=unit)
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
-        if not (isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0):
-            raise ArgumentError(f"fov must lie between 0 and 180 degrees; got {fov!r}.")
-        view = view.looking(None, math.radians(fov))
+        view = view.looking(None, field_of_view(fov))
     frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.windows)
     left, right, bottom, top = (float(side[0]) for side in frusta[:4])
     centres = (np.arange(resolution) + 0.5) / resolution
@@ -261,20 +268,22 @@ def _view(
     """Return the one view that a person described, world units, and its eye (3,)."""
     if eye is None and azimuth is None and elevation is None:
         raise ArgumentError("give azimuth and elevation, degrees, or eye: where the camera stands.")
+    distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
     if eye is not None and (azimuth is not None or elevation is not None or distance != PAPER_DISTANCE):
         raise ArgumentError("azimuth, elevation and distance must go without eye, which says all. Leave them out.")
     if mesh.longest_side == 0.0:
         raise MeshError(f"a mesh must have an extent to be seen; all vertices of {mesh.name} coincide.")
     if eye is None:
-        view = from_angles(azimuth or 0.0, elevation or 0.0, distance).around(mesh.centre, mesh.longest_side)
+        degrees = [0.0 if angle is None else angle for angle in (azimuth, elevation)]
+        view = from_angles(degrees[0], degrees[1], distance).around(mesh.centre, mesh.longest_side)
         return view, view.eyes[0]
     if isinstance(eye, Views):
         if len(eye) != 1:
             raise ArgumentError(f"eye must be one view; got {len(eye)}. Take one: views[0].")
         return eye, eye.eyes[0]
     at = as_numbers(eye, "eye", (3,))
-    if not np.isfinite(at).all():
-        raise ArgumentError(f"eye must be finite; got {at.tolist()}.")
+    if not (np.abs(at) <= LARGEST).all():  # NaN is not
+        raise ArgumentError(f"eye must be finite and below {LARGEST:g}; got {at.tolist()}.")
     turned = Views.of_cameras(at[None], np.eye(3)[None], target=mesh.centre)
     if not turned.distance.all():
         raise ArgumentError(f"eye must not be the mesh's centre, at which it looks; got {at.tolist()}.")
@@ -325,7 +334,11 @@ def _scanned(
     """Return what a sensor in the camera's place measures, in random order."""
     found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=rng, method=method, **options)
     if not len(found):
-        raise MeshError(f"a mesh must return some ray of the sensor; {mesh.name} returns none. Move it nearer?")
+        away = float(np.linalg.norm(view.eyes[0] - mesh.centre))
+        raise MeshError(
+            f"a mesh must return some ray of the sensor; {mesh.name}, {mesh.longest_side:.4g} m long and {away:.4g} m "
+            "away, returns none. Move it nearer, or give unit= if these are no metres."
+        )
     found = found.select(draw(np.arange(len(found)), n_points, rng))
     colors = None
     if mesh.colors is not None:

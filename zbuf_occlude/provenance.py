@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, shown
 
 PACKAGES = (
     "zbuf-occlude",
@@ -104,10 +104,10 @@ def generator(seed: Any) -> np.random.Generator:
     OptionError
         It is none of these, or below 0.
     """
-    try:
-        return np.random.default_rng(seed)
-    except (TypeError, ValueError):
-        raise OptionError(f"seed must be an int of at least 0, or a SeedSequence; got {seed!r:.60}.") from None
+    is_int = isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0
+    if not is_int and not isinstance(seed, np.random.SeedSequence | np.random.Generator):
+        raise OptionError(f"seed must be an int of at least 0, or a SeedSequence; got {shown(seed)}.")
+    return np.random.default_rng(seed)
 
 
 def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:

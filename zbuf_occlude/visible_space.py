@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers
-from zbuf_occlude.errors import ArgumentError, check_int
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_number, as_numbers
+from zbuf_occlude.errors import ArgumentError, OptionError, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, error_of_share, sample_surface
 from zbuf_occlude.provenance import generator
@@ -15,6 +15,8 @@ from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, FARTHEST, as_eyes
 
+MOST_VOXELS = 2**27
+"""Of a grid, for all eyes together: with the centres 3.7 GB."""
 MARGIN = 0.05
 """Of a grid around the mesh, in longest sides, on each side."""
 HIDDEN, FREE, SURFACE = 0, 1, 2
@@ -67,8 +69,8 @@ class VisibilityGrid:
         The mean of the eyes for which the centre is not farther behind the surface; where it is for all, minus
         `truncation`.
         """
-        if not (isinstance(truncation, int | float | np.number) and 0.0 < truncation < FARTHEST):
-            raise ArgumentError(f"truncation must be a length above 0, in the mesh's unit; got {truncation!r}.")
+        want = "a length above 0, in the mesh's unit"
+        truncation = as_number(truncation, "truncation", want, lambda length: 0.0 < length < FARTHEST)
         known = self.distances > -truncation
         total = np.where(known, np.minimum(self.distances, truncation), 0.0).sum(axis=0)
         return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), -truncation).astype(np.float32)
@@ -138,6 +140,11 @@ def visibility_grid(
     mesh = as_mesh(mesh)
     check_int("n", n, 1)
     places = as_eyes(eyes)
+    if (n_voxels := int(n) ** 3 * max(len(places), 1)) > MOST_VOXELS:
+        raise OptionError(
+            f"a grid must have at most {MOST_VOXELS:,} voxels for all eyes together; {len(places)} of {n} along a side "
+            f"have {n_voxels:,}. Lower n."
+        )
     side = mesh.longest_side * (1.0 + 2.0 * MARGIN)
     if side == 0.0:
         raise ArgumentError(f"a mesh must have an extent; all vertices of {mesh.name} coincide.")
@@ -173,8 +180,8 @@ def blockers(
     """
     mesh, at = as_mesh(mesh), as_numbers(eye, "eye", (3,))
     with prepare(mesh, method, **options) as occluder:
-        found = np.full(len(points), -1, np.int32)
         hidden = np.flatnonzero(~occluder.visible(points, at))
+        found = np.full(len(points), -1, np.int32)
         found[hidden] = occluder.first_hits(at[None], points.positions[hidden] - at).face_ids
     return found
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_flag
 from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, error_of_share, points_in_triangles, sample_surface
@@ -114,7 +114,7 @@ def visible_faces(
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
     every = np.arange(len(mesh.faces), dtype=np.int32)
     points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), np.repeat(every, counts))
-    if exactly and not find_method(method).exact:
+    if as_flag(exactly, "exactly") and not find_method(method).exact:
         raise ArgumentError(f"exactly needs a method without error, exact or oracle; got {method}.")
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)

@@ -55,9 +55,9 @@ def test_doctor_says_what_works(run: Run) -> None:
     assert report["methods"]["oracle"] == ""
 
 
-@pytest.mark.parametrize(("named", "code"), [("", 0), ("osmesa", 0), ("egl", 1), ("egl:0", 1)])
+@pytest.mark.parametrize(("named", "works"), [("", True), ("osmesa", True), ("egl", False), ("egl:0", False)])
 def test_doctor_judges_the_backend_that_is_taken(
-    run: Run, monkeypatch: pytest.MonkeyPatch, named: str, code: int
+    run: Run, monkeypatch: pytest.MonkeyPatch, named: str, works: bool
 ) -> None:
     probes = (
         Probe("egl", 0, works=False, reason="/nowhere not loaded.", fix="unset GLCONTEXT_LINUX_LIBEGL"),
@@ -66,11 +66,20 @@ def test_doctor_judges_the_backend_that_is_taken(
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: probes)
     monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")  # tests/test_extras.py tries packages
     monkeypatch.setenv("ZBUF_OCCLUDE_GL", named)
-    outcome = run("doctor", code=code)
+    outcome = run("doctor")  # exact can run, whatever OpenGL does
     assert "OpenGL backends" in outcome.out
     assert "egl, device 0: does not work: /nowhere not loaded.\n    fix: unset GLCONTEXT_LINUX_LIBEGL" in outcome.out
-    assert ("depth_buffer           ready" in outcome.out) == (code == 0)
-    assert ("which does not work" in outcome.out) == (code == 1)
+    assert ("depth_buffer           ready" in outcome.out) == works
+    assert ("which does not work" in outcome.out) != works
+    assert f"generate can run: {'depth_buffer' if works else 'exact'}" in outcome.out
+
+
+@pytest.mark.parametrize("line", ["", "paper"])
+def test_a_group_alone_shows_its_help(run: Run, line: str) -> None:
+    outcome = run(line)
+    assert outcome == run(f"{line} --help")
+    assert outcome.out.count("\n") > 20
+    assert outcome.err == ""
 
 
 def test_sensors_lists_the_table(run: Run) -> None:

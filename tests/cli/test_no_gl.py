@@ -11,10 +11,13 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude.gl import devices
+from zbuf_occlude.gl.probe import Probe
 from zbuf_occlude.shapes import solids
 
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-WHY = "no OpenGL context opens here; for depth_buffer on Debian: apt-get install libegl1 libgl1-mesa-dri"
+WHY = "no OpenGL context opens here"
+CURE = "apt-get install"
+"""How to get the depth buffer is on doctor's page; here `exact` does all that was asked."""
 
 MASKED = """
 empty=$(mktemp)
@@ -47,6 +50,7 @@ def test_generate_takes_exact_and_says_so_first_last_and_in_the_manifest(run: Ru
     result = run(f"generate {mesh} --views ring:2@30 --points 100 --workers 1 --out {out}")
     assert result.err.splitlines()[0] == f"method exact, because {WHY}"
     assert f"because {WHY}" in result.out.splitlines()
+    assert CURE not in result.out + result.err
     manifest = json.loads((out / "manifest.json").read_text())
     assert (manifest["options"]["method"], manifest["options"]["reason"]) == ("exact", WHY)
     assert manifest["renderer"] == "none"
@@ -57,7 +61,26 @@ def test_visible_takes_exact_and_says_so(run: Run, mesh: Path, tmp_path: Path) -
     result = run(f"visible {mesh} --azimuth 30 --elevation 20 --out cloud.ply")
     assert result.err.splitlines()[0] == f"method exact, because {WHY}"
     assert "by exact: " in result.out
-    assert result.out.rstrip().endswith(WHY)
+    assert result.out.splitlines()[0].endswith(WHY)
+    assert CURE not in result.out + result.err
+
+
+@pytest.mark.parametrize(("broken", "code"), [("", 0), ("needs the package numba; its import fails", 1)])
+def test_doctor_says_once_that_exact_is_complete(
+    run: Run, monkeypatch: pytest.MonkeyPatch, broken: str, code: int
+) -> None:
+    rows = (Probe("egl", None, works=False, reason="libEGL is not here"), Probe("osmesa", None, works=False, reason=""))
+    monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: rows)
+    monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")
+    monkeypatch.setattr("zbuf_occlude.cli.lists.tried", lambda package, module: broken)
+    page = run("doctor", code=code).out
+    last = page.splitlines()[-1]
+    if broken:
+        assert "cannot run" in last
+        assert broken in last
+    else:
+        assert page.count("exact is complete") == page.count(CURE) == 1
+        assert "exact is complete" in last
 
 
 @pytest.mark.usefixtures("without_gl")

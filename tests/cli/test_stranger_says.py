@@ -62,7 +62,7 @@ def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modeln
     whole = {path.name: path.read_bytes() for path in out.glob("*.h5")}
     (out / "ply_data_test0.h5").unlink()
     assert "faults found. Copy those files from where" in run("verify out", code=1).out
-    run(line, says="out/ply_data_test0.h5 is missing, and is made again")
+    run(line, says="out/ply_data_test0.h5 is missing or damaged, and is made again")
     assert {path.name: path.read_bytes() for path in out.glob("*.h5")} == whole
 
 
@@ -76,9 +76,24 @@ def test_a_cloud_that_does_not_fit_leaves_no_file(
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("name", ["depth.npy", "depth.png"])
+@pytest.mark.parametrize("name", ["depth.npy", "depth.png", "depth.exr"])
 def test_a_picture_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
     check_that_nothing_is_left(run, f"depth {modelnet}/ball/test/ball_0.off --resolution 64", tmp_path / name)
+
+
+def test_a_report_that_does_not_fit_leaves_no_part_of_a_file(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    line = f"{modelnet}/ball/test/ball_0.off"
+    run(f"scan {line} --range 8 --size file --out scan.ply")
+    report = f"compare-scans {line} scan.ply --out"
+    run(f"{report} whole")
+    whole = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
+    for n_bytes in (500, len(whole["scan_0.png"]) - 1):
+        with room_for(n_bytes):
+            outcome = run(f"{report} part", code=1)
+        assert outcome.err.startswith("error: ")
+        assert len(outcome.err.splitlines()) == 1
+        for path in (tmp_path / "part").iterdir():
+            assert path.read_bytes() == whole[path.name]
 
 
 @pytest.mark.parametrize("shapes", ["classes", "formulas"])

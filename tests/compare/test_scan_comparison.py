@@ -15,6 +15,7 @@ from PIL import Image
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, together
 from zbuf_occlude.compare.scan_comparison import BOTH, NOT_SCANNED, write_scan_report
+from zbuf_occlude.compare.scan_files import read_scan_file
 from zbuf_occlude.scenes import Placed, moved
 from zbuf_occlude.sensors import look_at, make
 
@@ -173,6 +174,19 @@ def test_poses_of_all_kinds(thing: zo.Mesh, tmp_path: Path) -> None:
 def test_scans_that_are_none(thing: zo.Mesh, scans: list[Any], given: dict[str, Any], words: str) -> None:
     with pytest.raises(zo.ArgumentError, match=words):
         zo.compare_scans(thing, scans, CAMERA, **given)
+
+
+def test_coordinates_beyond_all_measure_are_refused(thing: zo.Mesh, tmp_path: Path) -> None:
+    np.save(tmp_path / "far.npy", np.array([[1e155, 0, 0], [0.5, 0, 0], [0.5, 0.1, 0]]))
+    with pytest.raises(zo.DatasetError, match=r"coordinates must be below 1e\+70; one is 1e\+155"):
+        zo.compare_scans(thing, [tmp_path / "far.npy"], CAMERA)
+
+
+def test_a_scan_with_lines_of_another_kind_is_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    header = "ply\nformat ascii 1.0\nbye\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    (tmp_path / "a.ply").write_text(header + "end_header\n1 2 3\n4 5 6\n")
+    assert read_scan_file(tmp_path / "a.ply", CAMERA, 0.001).tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert "1 lines of its header are none of PLY" in caplog.text
 
 
 def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_two_runs_at_a_time_are_refused(plan: Plan, tmp_path: Path) -> None:
     assert other.stdin is not None
     assert other.stdout is not None
     other.stdout.readline()
-    with pytest.raises(DatasetError, match=r"one run at a time; another is making group 1\..*--shard"):
+    with pytest.raises(DatasetError, match=r"one run at a time; another is at work there\..*--shard"):
         generate(plan, out)
     generate(plan, out, share=(2, 3))
     other.kill()

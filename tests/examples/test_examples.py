@@ -46,6 +46,14 @@ def test_dataset_and_training(run, tmp_path: Path) -> None:
     assert losses[-1] < losses[0]
 
 
+@pytest.mark.parametrize("name", ["dataset_and_training.py", "on_the_fly.py"])
+def test_what_needs_torch_says_so_in_a_line(run, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(SystemExit, match=r"needs PyTorch: pip install 'zbuf-occlude\[learn\]'"):
+        run(name)
+    assert "Needs PyTorch" in (EXAMPLES / name).read_text()
+
+
 def test_on_the_fly(run) -> None:
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     assert run("on_the_fly.py").count("clouds (8, 1024, 3)") == 5

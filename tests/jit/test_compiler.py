@@ -102,6 +102,42 @@ def test_where_nothing_of_the_package_can_be_written(package: Path) -> None:
     assert says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent)) == ["1", "0", "None"]
 
 
+SAYS = "import logging, sys\nlogging.basicConfig(format='SAID %(message)s', stream=sys.stdout)\n"
+
+
+def test_compiling_is_said_where_something_is_compiled_only(package: Path) -> None:
+    """Once in a cache; not each time for the first place, which may not be written."""
+    (package / "__pycache__").write_text("no folder")
+
+    def said(**environment: str) -> str:
+        return run(SAYS + ASK, cwd=package.parent, NUMBA_CACHE_DIR="", **environment)
+
+    home = str(package.parent / "home")
+    assert [said(XDG_CACHE_HOME=home).count("SAID compiling, once") for _ in range(2)] == [1, 0]
+
+
+def test_no_folder_is_made_where_a_person_is(package: Path) -> None:
+    """Of a user whom the system does not know, and who has no HOME, "~" stays as it is; relative names are no homes."""
+    (package / "__pycache__").write_text("no folder")
+    program = f"import os, pwd\npwd.getpwuid = lambda user: {{}}[user]\nos.environ.pop('HOME', None)\n{ASK}"
+    found = run(program, cwd=package.parent, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="cache", TMPDIR=str(package.parent))
+    assert Path(found.split()[2]).is_absolute()
+    assert not (package.parent / "~").exists()
+    assert not (package.parent / "cache").exists()
+
+
+def test_who_asks_hears_of_each_function_that_is_compiled() -> None:
+    heard: list[int] = []
+    compiler.on_compiled(lambda: heard.append(1))
+
+    @njit()
+    def half(number):
+        return number / 2.0
+
+    assert [half(3.0), half(5.0), len(heard)] == [1.5, 2.5, 1]
+    assert [half(3), len(heard)] == [1.5, 2]
+
+
 def test_processes_that_compile_at_the_same_time_all_answer(package: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
     asking = [
@@ -120,6 +156,11 @@ def test_a_job_is_noted_as_compiled_until_a_source_changes(package: Path) -> Non
         return run(program.format(before), cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
 
     assert [known(), known("note('job')\n"), known(), known("note('another')\n")] == ["False", "True", "True", "True"]
+    elsewhere = "from package.jit.compiler import compiled_before\nprint(compiled_before('job'))"
+    other = str(package.parent / "other")  # code of one folder is no use to who keeps his in another
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
+    run(program.format("note('job')\n"), cwd=package.parent, NUMBA_CACHE_DIR="")
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
     (package / "constants.py").write_text("ANSWER = 22\n")
     assert known() == "False"
 

@@ -400,7 +400,7 @@ def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) 
     document = json.loads(path.read_text())
     document["accessors"][3]["count"] = 3
     path.write_text(json.dumps(document))
-    with pytest.raises(MeshError, match="of the 4 vertices of their primitive; they are of 3 and 4"):
+    with pytest.raises(MeshError, match="COLOR_0 of glTF must be of the 4 vertices of their primitive; they are of 3"):
         load_mesh(path, colors=True)
     assert len(load_mesh(path).faces) == 4
 
@@ -434,3 +434,13 @@ def test_materials_of_mtl_let_light_pass(tmp_path: Path, lines: str, passing: fl
 def test_materials_of_gltf_let_light_pass(tmp_path: Path, material: dict, passing: float) -> None:
     mesh = load_mesh(write_gltf(tmp_path / "glass.gltf", {"name": "glass", **material}), colors=True)
     assert mesh.transparent({"glass": None}).colors.passing == pytest.approx(passing)
+
+
+def test_ply_of_strips_has_the_colours_of_its_vertices(tmp_path: Path) -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    rows = "0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 255 0 0\n1 1 0 255 0 0\n4 0 1 2 3\n"
+    (tmp_path / "strip.ply").write_text(header + rows)
+    _, points = sampled(tmp_path / "strip.ply")
+    assert (points.colors == [255, 0, 0]).all()

@@ -193,7 +193,7 @@ def test_a_mesh_is_no_cloud(tmp_path: Path) -> None:
         ("a.csv", b"x,y,z\n1,2,north\n", "must be readable as numbers"),
         ("a.csv", b"1,2\n3,4\n", "must have rows x, y, z"),
         ("a.npy", b"nothing of the kind", "must be readable as numbers"),
-        ("a.csv", b"1,2,nan\n", "points with finite coordinates"),
+        ("a.csv", b"1,2,nan\n", "coordinates finite and below"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n", "must hold the 9 rows"),
     ],
 )

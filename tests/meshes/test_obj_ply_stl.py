@@ -10,9 +10,9 @@ import trimesh
 from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl, export_stl_ascii
 
-from zbuf_occlude import MeshError
+from zbuf_occlude import MeshError, load_mesh
 from zbuf_occlude.meshes.obj import read_obj
-from zbuf_occlude.meshes.ply import read_ply
+from zbuf_occlude.meshes.ply import read_ply, read_ply_points
 from zbuf_occlude.meshes.stl import read_stl
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -128,6 +128,59 @@ def test_ply_is_what_trimesh_writes(encoding: str) -> None:
     assert np.array_equal(polygons.corners.reshape(-1, 3), BALL.faces)
 
 
+STRIPS = [[0, 1, 2, 3, 4], [-1, 0, 2, -1, -1, 4, 3, 2, 1], [], [1], [2, 1, 0]]
+STRIP_TRIANGLES = [[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 2], [2, 3, 1], [2, 1, 0]]
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_ply_of_strips_is_a_mesh(encoding: str) -> None:
+    data = ply(encoding, STRIPS).replace(b"element face", b"element tristrips")
+    assert read_ply(data).corners.reshape(-1, 3).tolist() == STRIP_TRIANGLES
+    assert read_ply_points(data) is None
+
+
+def test_a_strip_in_ply_faces_one_way() -> None:
+    """A band around a cylinder as one strip: all its normals point outwards."""
+    angles = np.repeat(np.linspace(0, 2 * np.pi, 24, endpoint=False), 2)
+    points = np.stack([np.cos(angles), np.sin(angles), np.tile([1.0, 0.0], 24)], axis=1)
+    strip = [*range(48), 0, 1]
+    rows = [*(f"{x} {y} {z}" for x, y, z in points.tolist()), f"{len(strip)} {' '.join(map(str, strip))}"]
+    header = "ply\nformat ascii 1.0\nelement vertex 48\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    polygons = read_ply((header + "\n".join(rows)).encode())
+    a, b, c = polygons.vertices[polygons.corners].reshape(-1, 3, 3).transpose(1, 0, 2)
+    outwards = (np.cross(b - a, c - a) * (a + b + c) * [1, 1, 0]).sum(axis=1)
+    assert len(outwards) == 48
+    assert (outwards > 0).all() or (outwards < 0).all()
+
+
+def test_ply_of_faces_and_strips_has_both() -> None:
+    header, body = GOOD_PLY.split("end_header\n")
+    both = f"{header}element tristrips 1\nproperty list int int vertex_index\nend_header\n{body}\n5 0 1 2 -1 4"
+    polygons = read_ply(both.encode())
+    assert polygons.corners.tolist() == [*chain(*PLY_POLYGONS), 0, 1, 2]
+    assert polygons.counts.tolist() == [*map(len, PLY_POLYGONS), 3]
+    with pytest.raises(MeshError, match="must refer to the 5 vertices"):
+        read_ply(both.replace("5 0 1 2 -1 4", "5 0 1.5 2 -1 4").encode())
+
+
+@pytest.mark.parametrize("line", ["bye", "Created by Blender3D 2.47 - www.blender.org, source file: a.blend", "# made"])
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_lines_in_a_header_of_ply_that_are_no_part_of_it_are_skipped(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, encoding: str, line: str
+) -> None:
+    plain, odd = tmp_path / "plain.ply", tmp_path / "odd.ply"
+    plain.write_bytes(ply(encoding, PLY_POLYGONS))
+    odd.write_bytes(plain.read_bytes().replace(b"element vertex", f"{line}\n{line}\nelement vertex".encode()))
+    expected = load_mesh(plain)
+    assert not caplog.records
+    mesh = load_mesh(odd)
+    assert mesh.vertices.tolist() == expected.vertices.tolist()
+    assert mesh.faces.tolist() == expected.faces.tolist()
+    assert f"{odd}: 2 lines of its header" in caplog.text
+    assert line[:40] in caplog.text
+
+
 GOOD_PLY = ply("ascii", PLY_POLYGONS).decode()
 BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
 
@@ -149,6 +202,14 @@ BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
         (GOOD_PLY.replace("3 0 1 2", "9 0 1 2").encode(), "a list in the element face must stand whole on its line"),
         (GOOD_PLY.replace("3 0 1 2", "3 0 1 7").encode(), "face 0 must refer to the 5 vertices"),
         (BINARY_PLY.replace(b"vertex 5", b"vertex 353535235358"), "353,535,235,358 rows of the element vertex"),
+        (
+            GOOD_PLY.replace("element face 4", "element vertex 4").encode(),
+            "each element once; it has 'vertex'",
+        ),
+        (GOOD_PLY.replace("property float y", "proprty float y").encode(), "it has the line 'proprty float y'"),
+        (GOOD_PLY.replace("property list", "propertlist").encode(), "it has the line 'propertlist uchar int v"),
+        (GOOD_PLY.replace("element vertex", "\x00\x80\nelement vertex").encode("latin-1"), "it has the line"),
+        (GOOD_PLY.replace("element vertex", "elements vertex").encode(), "it has the line 'elements vertex 5'"),
         (BINARY_PLY[:-1], "the 4 rows of the element face that it declares"),
         (BINARY_PLY.replace(b"list uchar int", b"list uint uint"), "the 4 rows of the element face"),
         (BINARY_PLY.replace(b"\x05\4\0\0\0", b"\xff\4\0\0\0"), "the 4 rows of the element face"),

@@ -158,7 +158,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
     for message, call in (
         ("width must be", lambda: zo.frames(box(), views, width=0)),
         ("at most 67,108,864 pixels", lambda: zo.frames(box(), views, width=10**5, height=10**5)),
-        ("fov must lie between 0 and 180", lambda: zo.frames(box(), views, fov=200.0)),
+        ("fov must be a number from 0.001 to 179.9, degrees", lambda: zo.frames(box(), views, fov=200.0)),
         ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
         ("colors must be true or false", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
         ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]

@@ -20,11 +20,11 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
 from zbuf_occlude.scenes.contents import BELONGING, Pool, read_scene, surroundings
 from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL, draw_albedos
-from zbuf_occlude.scenes.sizes import SIZES, Sizes, parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import SIZES, Sizes, size_of, sizes_of
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.sensors.setup import Setup, parse_span
+from zbuf_occlude.sensors.setup import Setup, span_of
 from zbuf_occlude.views import Views
 
 SHAPES = shapes.collection(n_members=2)
@@ -213,9 +213,9 @@ def test_keep_box() -> None:
 def test_sizes() -> None:
     assert size_of("car", {}, 123.0) == 4.5
     assert size_of("Night Stand", {}, 1.0) == 0.6
-    assert size_of("car", parse_sizes("car=3.9,chair=1"), 1.0) == 3.9
-    assert size_of("gizmo", parse_sizes("2.5"), 1.0) == 2.5
-    assert size_of("gizmo", parse_sizes("file"), 7.0) == 7.0
+    assert size_of("car", sizes_of("car=3.9,chair=1"), 1.0) == 3.9
+    assert size_of("gizmo", sizes_of("2.5"), 1.0) == 2.5
+    assert size_of("gizmo", sizes_of("file"), 7.0) == 7.0
     mesh, size = in_metres(CAR, "car", setup())
     assert size == mesh.longest_side == pytest.approx(4.5)
     assert np.allclose(mesh.centre, 0.0)
@@ -223,7 +223,7 @@ def test_sizes() -> None:
         size_of("gizmo", {}, 1.0)
     for wrong in ("car=", "car=-1", "=3", "car=x", "0", "nan"):
         with pytest.raises(zo.OptionError, match=r"--size must be 'file', metres from 0\.001 to 100000, or CLASS="):
-            parse_sizes(wrong)
+            sizes_of(wrong)
 
 
 def test_a_scene_of_a_file(tmp_path: Path) -> None:
@@ -295,10 +295,10 @@ def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:
 def test_a_range_within_the_object() -> None:
     with pytest.raises(zo.MeshError, match=r"the range must be more than half the object's 4\.5 m; it is 2 m\."):
         scans(setup(range=(2.0, 2.0)), ring(1))
-    assert parse_span("--range", "5..50") == (5.0, 50.0)
-    assert parse_span("--range", "7") == (7.0, 7.0)
+    assert span_of("--range", "5..50") == (5.0, 50.0)
+    assert span_of("--range", "7") == (7.0, 7.0)
     with pytest.raises(zo.OptionError, match=r"--range must be a number, or two as A\.\.B; got 'near'\."):
-        parse_span("--range", "near")
+        span_of("--range", "near")
 
 
 def test_a_sensor_goes_through_a_plan_and_back() -> None:

@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.shell import CommandGroup, check_surroundings
+from zbuf_occlude.cli.shell import COMPILING, CommandGroup, check_surroundings
+from zbuf_occlude.jit.compiler import on_compiled
 from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
@@ -13,6 +14,7 @@ COMMANDS = {
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
     "views": "List the cameras of a view set about a mesh; how much of it they see.",
+    "shapes": "List the built-in shapes, or write one as a mesh to try things on.",
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact reference and each other: rows, report.",
@@ -73,7 +75,11 @@ class LazyGroup(CommandGroup):
     def invoke(self, context: click.Context) -> Any:
         """Run a command, once the shell lets it run at all."""
         check_surroundings()
-        return super().invoke(context)
+        on_compiled(COMPILING.one_more)
+        try:
+            return super().invoke(context)
+        finally:
+            COMPILING.close()
 
 
 @click.command(

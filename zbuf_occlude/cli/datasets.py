@@ -13,11 +13,11 @@ from zbuf_occlude.cli.shared_options import (
     MeshPlace,
     OutFolder,
     engine_options,
+    frame_options,
     given,
     pop_engine,
     shard_option,
     share_of,
-    up_option,
 )
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.export import convert
@@ -30,6 +30,7 @@ from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.paper.tables import table_2
+from zbuf_occlude.shapes.built_in import collection_of
 from zbuf_occlude.workers import Run
 
 
@@ -122,7 +123,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
-@up_option
+@frame_options
 @click.option("--samples", type=click.IntRange(1), default=50, help="Clouds that the oracle checks.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
@@ -133,6 +134,7 @@ def verify_command(
     folder: Path,
     meshes: tuple[Path, ...],
     up: str | None,
+    unit: str | None,
     samples: int,
     shard: str | None,
     **options: Any,
@@ -147,26 +149,29 @@ def verify_command(
       zbuf-occlude verify modelnet40-occluded ModelNet40
     """
     run, share = pop_engine(context, options, Limits()), share_of(shard)
-    sound = [check(each, meshes, up, samples, run, share) for each in datasets_in(folder)]
+    sound = [check(each, meshes, (up, unit), samples, run, share) for each in datasets_in(folder)]
     if not all(sound):
         raise SystemExit(1)
 
 
 def check(
-    folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int, run: Run, share: tuple[int, int]
+    folder: Path,
+    meshes: tuple[Path, ...],
+    frame: tuple[str | None, str | None],
+    samples: int,
+    run: Run,
+    share: tuple[int, int],
 ) -> bool:
-    """Verify one folder and say what was found; True when it is sound."""
+    """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
     collection = None
     if plan.recipe.complete:
         echo("complete clouds: nothing to ask of the oracle")
     elif meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
-        collection = MeshCollection.from_paths(meshes, up=up, colors=has_windows)
-    elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        collection = shapes.collection()
+        collection = MeshCollection.from_paths(meshes, up=frame[0], unit=frame[1], colors=has_windows)
+    else:
+        collection = collection_of(entry.key for entry in plan.meshes)
     echo(folder)
     with progress_bar(sum(manifest["counts"]["clouds_by_split"].values()), "clouds", "verify") as bar:
         verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)

@@ -9,6 +9,7 @@ from zbuf_occlude import shapes
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
@@ -86,5 +87,6 @@ def draw_figure(
     else:
         mesh = shapes.make(kind, 0) if kind else shapes.formulas.make("torus")
     scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path, find_frame(sydney).up)
-    FIGURES[name].draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
+    figure = FIGURES[name].draw(Exhibit(mesh.normalized(), mask, seed, scan, distance))
+    atomic.write(out, lambda file: figure.savefig(file, format="png", dpi=DPI))
     echo(f"{name}{f' of {mesh.name}' if kind else ''}: {out}")

@@ -7,6 +7,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
 from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
@@ -19,6 +20,8 @@ from zbuf_occlude.cli.shared_options import (
     collect,
     distance_option,
     engine_options,
+    finite,
+    frame_options,
     given,
     method_options,
     parse_settings,
@@ -26,25 +29,23 @@ from zbuf_occlude.cli.shared_options import (
     sample_size,
     shard_option,
     share_of,
-    up_option,
     with_option,
 )
-from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
+from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, progress_of
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, rehearse, was_rehearsed
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, n_functions, rehearse, was_rehearsed
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import SURFACE, parse_span
+from zbuf_occlude.sensors.setup import SURFACE, span_of
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.visibility import find_method
-
-FORMULAS = "formulas"
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 
@@ -67,9 +68,9 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--out", type=OutFolder(), default=Path("occluded"), help="Folder of the dataset.")
 @click.option(
     "--shapes",
-    type=Name(["classes", FORMULAS]),
-    default="classes",
-    help="Without MESH_OR_DIR: eight classes of 75 objects, or surfaces of formulas.",
+    type=Name([row.name for row in BUILT_IN]),
+    default=BUILT_IN[0].name,
+    help="Without MESH_OR_DIR: what `zbuf-occlude shapes` lists.",
 )
 @click.option(
     "--preset",
@@ -123,11 +124,11 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     help="Axes: the object's, z up in published layouts too, or the camera's.",
 )
 @with_option("Attributes of the points: normals towards the camera, base colours; boxes: of whole LiDAR scans.")
-@up_option
+@frame_options
 @choice_options
 @engine_options
-@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, help=LIMIT)
-@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, help=LIMIT)
+@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, callback=finite, help=LIMIT)
+@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, callback=finite, help=LIMIT)
 @shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")
@@ -145,6 +146,7 @@ def generate_command(
     format: str,
     limit: int | None,
     up: str | None,
+    unit: str | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: str | None,
@@ -177,8 +179,9 @@ def generate_command(
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
+      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 10..40 --views ring:8@0 --out roads
     """
-    idle = given(context, ("shapes",) if meshes else ("up",))
+    idle = given(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     limits = Limits(mesh_seconds, mesh_gigabytes)
@@ -194,7 +197,7 @@ def generate_command(
     if recipe["overlap"] is not None:
         if "overlap" not in row.options:
             raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
-        recipe["overlap"] = parse_span("--overlap", recipe["overlap"])
+        recipe["overlap"] = span_of("--overlap", recipe["overlap"])
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
@@ -207,13 +210,16 @@ def generate_command(
         meshes,
         up,
         limit,
+        unit=unit,
         out=out,
         choose=lambda meshes: choose(row.select(meshes)),
-        formulas=shapes == FORMULAS,
+        shapes=shapes,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
         **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )
-    echo(overview(collection, row, wanted, limited=limit is not None), err=True)
+    read_as = taken_as(collection, up, unit, lengths_of(setup, unit))
+    echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
+    warn_of_lying(collection, up)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,
@@ -263,6 +269,7 @@ def generate_command(
             rehearse(plan.recipe, require_gpu)
     if not was_rehearsed(plan.recipe):
         announce()
+        COMPILING.total = n_functions(plan.recipe)
         with without_scipy():
             compile_ahead(plan.recipe)
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
@@ -274,6 +281,7 @@ def generate_command(
         bar = progress_bar(total, "clouds", "generate")
 
         def begun(*work: Any, bar: Any = bar) -> None:
+            bar.delay = 0.0  # else what is shown now is not ended with its line
             bar.refresh()
             run(*work)
 
@@ -289,7 +297,7 @@ def generate_command(
                 written=files_beside(bar),
             )
         if document:
-            echo(what_was_made(document, folder))
+            echo(what_was_made(document, folder, read_as))
             failed |= bool(document["failures"])
         else:
             done = progress_of(one, folder)["groups_done"]

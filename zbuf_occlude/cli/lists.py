@@ -12,9 +12,11 @@ import numpy as np
 from zbuf_occlude import sensors
 from zbuf_occlude.cli.shared_options import suffix_of
 from zbuf_occlude.cli.shell import Command, echo
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import tried
 from zbuf_occlude.gl.context import ENVIRONMENT
+from zbuf_occlude.gl.devices import FIXES
 from zbuf_occlude.gl.probe import Probe, probe_all
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.visibility import METHODS
@@ -144,7 +146,7 @@ def _draw(sensor: Sensor, path: Path) -> None:
     whole.set_title(f"{sensor.name}: {len(rays):,} rays, coloured by ring", fontsize=10)
     near.set_title("six degrees of it", fontsize=10)
     near.set_aspect("equal")
-    figure.savefig(path, format="png", dpi=110)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 @click.command(cls=Command)
@@ -153,14 +155,16 @@ def doctor_command(as_json: bool) -> None:
     """Say which OpenGL backends work, on which renderer, and which methods can run.
 
     Every backend, and every package that a method needs, is tried in a process of its own. Without ZBUF_OCCLUDE_GL
-    (egl, osmesa, or egl:INDEX) the first backend that works is taken. Exit code 0 when that, or the one that
-    ZBUF_OCCLUDE_GL names, works, 1 when not.
+    (egl, osmesa, or egl:INDEX) the first backend that works is taken. Exit code 0 when `generate` can run, by
+    depth_buffer or else by exact, which needs no OpenGL; 1 when not.
     """
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if serves(probe, named))
     no_gl = "" if works else "needs OpenGL; see above"
-    methods = {method.name: why_lacking(method) or (no_gl if method.needs_gl else "") for method in METHODS}
+    compiled = tried("numba", "zbuf_occlude.exact.bvh")
+    methods = {method.name: why_lacking(method) or (no_gl if method.needs_gl else "") or compiled for method in METHODS}
+    able = next((name for name in ("depth_buffer", "exact") if not methods[name]), "")
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
@@ -172,7 +176,14 @@ def doctor_command(as_json: bool) -> None:
         echo("methods")
         for name, reason in methods.items():
             echo(f"  {name:22} {reason or 'ready'}")
-    if not works:
+        verdict = f"can run: {able} is its default here" if able else f"cannot run: exact {methods['exact']}"
+        echo(f"generate {verdict}")
+        if able == "exact":
+            echo(
+                "  exact is complete: none is more exact, and without a GPU none is faster. The depth buffer is the "
+                f"paper's own way, and is for a GPU; on Debian: {FIXES['egl']}"
+            )
+    if not able:
         raise SystemExit(1)
 
 

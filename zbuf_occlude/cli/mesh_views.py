@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.cli.file_frames import say_frame
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -18,11 +19,11 @@ from zbuf_occlude.cli.shared_options import (
     camera_options,
     chosen_method,
     distance_option,
+    frame_options,
     given,
     method_options,
     parse_settings,
     suffix_of,
-    up_option,
     with_option,
 )
 from zbuf_occlude.cli.shell import Command, echo, on
@@ -49,7 +50,7 @@ MESHES = (".obj", ".off")
 def scans_now(context: click.Context, parameter: click.Parameter, value: Any) -> None:
     """Refuse an option that scan has."""
     if value:
-        raise click.UsageError(f"{parameter.opts[0]} is of `zbuf-occlude scan`; its --size file keeps the unit.")
+        raise click.UsageError(f"{parameter.opts[0]} is of `zbuf-occlude scan`, which takes --unit of the file.")
 
 
 @click.command(cls=Command)
@@ -62,7 +63,7 @@ def scans_now(context: click.Context, parameter: click.Parameter, value: Any) ->
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @with_option("Attributes of the points: normals towards the camera, base colours.")
 @click.option("--union", is_flag=True, help="What any of the cameras of --cameras sees.")
-@up_option
+@frame_options
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
 )
@@ -79,6 +80,7 @@ def visible_command(
     attributes: list[str],
     union: bool,
     up: str | None,
+    unit: str | None,
     out: Path,
 ) -> None:
     """Write the occluded cloud that one camera sees of MESH, in the mesh's own coordinates.
@@ -100,7 +102,7 @@ def visible_command(
     for name in attributes:
         check_word("attribute", name, ATTRIBUTES)
     if as_mesh:
-        write_part(context, mesh, camera, up, out)
+        write_part(context, mesh, camera, (up, unit), out)
         return
     choice = chosen_method(context, method, settings)
     method = choice.method
@@ -108,13 +110,13 @@ def visible_command(
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     asked: Mesh | SurfacePoints
     if positions is not None:
-        if idle := given(context, ("points", "seed", "up", "attributes")):
+        if idle := given(context, ("points", "seed", "up", "unit", "attributes")):
             raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
         box, asked = box_around(positions), SurfacePoints.free(positions)
         samples = asked
     else:
         with Limits().watch():
-            asked = box = load_mesh(mesh, up=up, colors="colors" in attributes)
+            asked = box = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
         samples = sample_surface(asked, n_points=points, seed=seed)
     view = camera(box)
     eyes = view.eyes
@@ -136,17 +138,25 @@ def visible_command(
         echo("warning: the camera sees no point. Raise --fov or --points, or turn it by --look-at.", err=True)
     n_cameras = f" to any of {len(eyes)} cameras" if union else ""
     echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on(renderer)}: {out}{why}")
+    if isinstance(asked, Mesh):
+        say_frame(mesh, asked, up, unit)
 
 
-def write_part(context: click.Context, path: Path, camera: Callable[[Mesh], Views], up: str | None, out: Path) -> None:
-    """Write the part of a mesh that a camera sees, as a mesh."""
+def write_part(
+    context: click.Context,
+    path: Path,
+    camera: Callable[[Mesh], Views],
+    frame: tuple[str | None, str | None],
+    out: Path,
+) -> None:
+    """Write the part of a mesh that a camera sees, as a mesh; `frame` has its axis and unit."""
     if idle := given(context, ("points", "seed", "attributes", "fov", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
     if given(context, ("method",)) and context.params["method"] != "exact":
         raise click.UsageError(f"--method must be exact, by which a mesh is cut; got {context.params['method']}.")
     with Limits().watch(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
-        mesh = load_mesh(path, up=up)
+        mesh = load_mesh(path, up=frame[0], unit=frame[1])
         views = camera(mesh)
         warn_inside(mesh, views.eyes)
         warn_of_far_faces(mesh)
@@ -156,6 +166,7 @@ def write_part(context: click.Context, path: Path, camera: Callable[[Mesh], View
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")
+    say_frame(path, mesh, *frame)
 
 
 def warn_of_lenses(views: Views) -> None:
@@ -201,10 +212,16 @@ def _write_cloud(
 @camera_options
 @click.option("--resolution", type=PIXELS, default=512, help="Pixels along a side.")
 @click.option("--size", type=PIXELS, hidden=True)  # its name before; elsewhere it is metres
-@up_option
+@frame_options
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
 def depth_command(
-    mesh: Path, camera: Callable[[Mesh], Views], resolution: int, size: int | None, up: str | None, out: Path
+    mesh: Path,
+    camera: Callable[[Mesh], Views],
+    resolution: int,
+    size: int | None,
+    up: str | None,
+    unit: str | None,
+    out: Path,
 ) -> None:
     """Write the depth buffer that one camera has of MESH.
 
@@ -222,7 +239,7 @@ def depth_command(
     size = size or resolution
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     with Limits().watch():
-        loaded = load_mesh(mesh, up=up)
+        loaded = load_mesh(mesh, up=up, unit=unit)
     with GlContext.open() as gl:
         depths = render_depth(gl, loaded, camera(loaded), size)
         renderer = gl.renderer
@@ -233,6 +250,7 @@ def depth_command(
     seen = np.isfinite(depths)
     span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
     echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
+    say_frame(mesh, loaded, up, unit)
 
 
 def write_png(path: Path, depths: FloatArray) -> None:
@@ -251,9 +269,20 @@ def write_exr(path: Path, depths: FloatArray) -> None:
     """Write one float channel, Z, as compositing programs expect depth."""
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"Z": depths.astype(np.float32)}) as file:
-        file.write(str(path))
+    header, wanted = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, depths.astype(np.float32)
+
+    def fill(file: IO[bytes]) -> None:
+        try:
+            with OpenEXR.File(header, {"Z": wanted}) as picture:
+                picture.write(file.name)
+            with OpenEXR.File(file.name) as picture:  # what the disk had no room for when it was closed goes unsaid
+                whole = np.array_equal(picture.channels()["Z"].pixels, wanted)
+        except RuntimeError:
+            whole = False
+        if not whole:
+            raise OSError  # without a number, as NumPy's
+
+    atomic.write(path, fill)
 
 
 @click.command(cls=Command)
@@ -263,7 +292,7 @@ def write_exr(path: Path, depths: FloatArray) -> None:
 @click.option("--coverage", is_flag=True, help="Measure how much of the surface the views see.")
 @click.option("--points", type=click.IntRange(1), default=20_000, help="Points sampled.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
-@up_option
+@frame_options
 @click.option("--out", type=click.Path(path_type=Path), help="views.csv, or coverage.png: a picture of the shares.")
 def views_command(
     mesh: Path,
@@ -273,6 +302,7 @@ def views_command(
     points: int,
     seed: int,
     up: str | None,
+    unit: str | None,
     out: Path | None,
 ) -> None:
     """List the views of MESH, and with --coverage how much of the surface each sees.
@@ -289,7 +319,7 @@ def views_command(
     if suffix == ".png" and not coverage:
         raise click.UsageError("--out .png is a picture of the coverage; give --coverage.")
     with Limits().watch():
-        loaded = load_mesh(mesh, up=up)
+        loaded = load_mesh(mesh, up=up, unit=unit)
     about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
     if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
         raise click.UsageError("--out .csv holds views that look at the mesh, upright; these are turned. Use --views.")
@@ -313,6 +343,7 @@ def views_command(
         for number, row in enumerate(table):
             echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
     seen = f", {found.together[-1]:.1%} of the surface seen by any" if coverage else ""
+    say_frame(mesh, loaded, up, unit)  # the views' own sum stays last
     echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
 
 
@@ -328,4 +359,4 @@ def draw_coverage(path: Path, found: Coverage) -> None:
     axes.set_xlabel("view", fontsize=10)
     axes.set_ylabel("surface seen, %", fontsize=10)
     axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
-    figure.savefig(path, format="png", dpi=120)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=120))

@@ -117,8 +117,8 @@ def picture(path: Path) -> str:
     return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
 
 
-def what_was_made(document: dict[str, Any], out: Path) -> str:
-    """Say what was made, how wrong it is, and where it is."""
+def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str:
+    """Say what was made, how wrong it is, in what frame files were read, and where it is."""
     counts, error, files = document["counts"], document["error"], document["files"]
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     names = sorted({name for split in SPLITS for name in files.get(split, [])})
@@ -139,6 +139,7 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
         measured(error, options["complete"]),
         *stacked(document),
         *lacking(document),
+        *([f"read as   {read_as}"] if read_as else []),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",
@@ -151,10 +152,18 @@ MOST_ROWS = 60
 """Of a collection of more classes the largest of them are shown."""
 
 
-def overview(meshes: MeshCollection, format: Format, preset: Preset | None = None, *, limited: bool = False) -> str:
-    """Return remarks, the table of classes and splits, and warnings."""
+def overview(
+    meshes: MeshCollection,
+    format: Format,
+    preset: Preset | None = None,
+    *,
+    limited: bool = False,
+    read_as: str = "",
+) -> str:
+    """Return remarks, in what frame files are read, the table of classes and splits, and warnings."""
     counts = Counter((entry.label, entry.split) for entry in meshes)
-    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, format, preset, limited)])
+    remarks = [*meshes.remarks, *([f"files read as {read_as}"] if read_as else [])]
+    return "\n".join([*remarks, *_table(counts), *_warnings(meshes, counts, format, preset, limited)])
 
 
 def _table(counts: Counter[tuple[str, str]]) -> list[str]:

@@ -7,10 +7,12 @@ import click
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import cut_off
-from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
-from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, given, suffix_of, up_option
+from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
+from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, frame_options, given, suffix_of
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
@@ -19,7 +21,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
-from zbuf_occlude.sensors.capture import captures, in_metres, n_raised, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
@@ -33,7 +35,7 @@ from zbuf_occlude.views import from_angles
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
-@up_option
+@frame_options
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
 def scan_command(
     meshes: tuple[Path, ...],
@@ -43,6 +45,7 @@ def scan_command(
     seed: int,
     picture: Path | None,
     up: str | None,
+    unit: str | None,
     out: Path,
     **options: Any,
 ) -> None:
@@ -67,15 +70,17 @@ def scan_command(
         if picture.suffix.lower() != ".png":
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
+    options["size"] = size_of_files(click.get_current_context(), options["size"])
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
     if setup.height is not None and given(click.get_current_context(), ("elevation",)):
         raise click.UsageError(
             "--elevation must be of a camera; --sensor-height says how high a LiDAR is above the ground."
         )
-    collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
+    collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(setup.transparent))
     check_sizes(setup, collection)
-    capture = scan_once(collection, setup, azimuth, elevation, seed)
+    warn_of_lying(collection[:1], up)
+    capture, size = scan_once(collection, setup, azimuth, elevation, seed)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
@@ -84,20 +89,28 @@ def scan_command(
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    lengths = lengths_of(setup, unit) or f"in {unit}"
+    echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
     cut = capture.cut
     warnings = list(cut_off(Counts.of_cut(*cut).cut, setup.document))
     if not len(found) and (not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns):
         of_all = setup.keep == "all"
         why = why_empty(capture, setup.made_sensor, setup.method, of_all)
-        warnings.append(f"warning: nothing of the {'scene' if of_all else 'object'} returns: {why.reason}. {why.cure}")
+        away = float(np.linalg.norm(capture.pose[:3, 3]))
+        what = "scene" if of_all else f"object, {size:.4g} m long and {away:.4g} m away,"
+        warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
     for warning in warnings:
         echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 
 
-def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or built-in ones, fill the scene.
+def scan_once(
+    collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int
+) -> tuple[Capture, float]:
+    """Return the capture of a collection's first mesh, and the metres of that mesh's longest side.
+
+    The rest of the collection, or the built-in shapes, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
     """
@@ -121,7 +134,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
         raise OptionError(no_windows("--transparent", loaded))
     if n_raised(views, places, setup):
         echo("warning: the camera would be below the ground, and stands on it. Raise --elevation.", err=True)
-    return capture
+    return capture, size
 
 
 SURROUNDINGS = 4.0
@@ -157,7 +170,7 @@ def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
             eye = centre + 3.5 * radius * np.array([np.cos(angle), np.sin(angle), 0.45])
             colour = colours(values[shown])
             draw_cloud(axes, scan.positions[shown], eye=eye, target=centre, values=colour, radius=radius, size=size)
-    figure.savefig(path, format="png", dpi=110)
+    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:

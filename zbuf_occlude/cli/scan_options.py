@@ -15,12 +15,13 @@ from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.contents import read_scene
+from zbuf_occlude.scenes.contents import read_scene, with_checksums
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import ALL, SIZES, parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
+from zbuf_occlude.sensors.setup import SURFACE, Setup
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 
@@ -75,7 +76,8 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--size",
             metavar="CLASS=M,...|M|file",
-            help="Longest sides, metres; M: of the objects seen, file: as in the files.  [default: by class]",
+            help="Longest sides, metres; M: of the objects seen, file: as in the files.  "
+            "[default: by class; file with --unit]",
         ),
         click.option("--scene", default="none", help=f"{scenes}, or a JSON file."),
         click.option("--hidden", metavar="A..B", help="Share of the object that others hide.  [default: the scene's]"),
@@ -106,6 +108,20 @@ def scan_options(sensor: str) -> Decorator:
     )
 
 
+def size_of_files(context: click.Context, size: str | None) -> str | None:
+    """Return how large objects are: as a person said by --size, or as they are, with --unit or built in in metres.
+
+    --size and --unit together are a UsageError.
+    """
+    if context.params.get("unit") is None:
+        shapes = None if context.params["meshes"] else context.params.get("shapes")
+        in_metres = any(row.in_metres for row in BUILT_IN if row.name == shapes)
+        return FILE if in_metres and size is None else size
+    if size not in (None, FILE) and given(context, ("size",)):
+        raise click.UsageError(f"--unit must go without --size {size}, which is metres whatever the files' unit.")
+    return FILE
+
+
 def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> Setup | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
 
@@ -118,6 +134,7 @@ def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled
         return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # it goes with the preset's sensor
     if idle := given(context, ("settings",) if sampled else ("points", "density", "settings")):
         raise click.UsageError(f"{idle[0]} is for points on the surface; a sensor decides itself. Leave it out.")
+    taken["size"] = size_of_files(context, taken["size"])
     return parse_setup(named_caster(context), taken)
 
 
@@ -154,9 +171,10 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
         return
     for label, size in sizes.items():
         if setup.range[1] <= size / 2:
+            assumed = "" if {label, "*"} & set(setup.size) else ", assumed of its class"
             raise OptionError(
-                f"--range must be more than half of every object; one of class {label} has {size:g} m, the range is "
-                f"{setup.range[1]:g} m. Raise --range, or give --size {label}=METRES."
+                f"--range must be more than half of every object; one of class {label} has {size:g} m{assumed}, the "
+                f"range is {setup.range[1]:g} m. Raise --range, or give --size {label}=METRES, or the files' --unit."
             )
     large = [f"{label} ({size / 2:g} m)" for label, size in sizes.items() if setup.range[0] <= size / 2]
     if large:
@@ -183,22 +201,23 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         return None
     sensor = parse_sensor(options["sensor"], options["set_sensor"])
     scene, objects = options["scene"], list[dict[str, Any]]()
+    transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":
-        scene, objects = "file", read_scene(Path(scene))
+        scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
     setup = Setup(
         sensor.document,
-        range=parse_span("--range", options["range_"]) if options["range_"] is not None else None,
-        size=parse_sizes(options["size"]) if options["size"] else {},
+        range=options["range_"],
+        size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
         objects=objects,
-        hidden=parse_span("--hidden", options["hidden"]) if options["hidden"] is not None else None,
+        hidden=options["hidden"],
         keep=options["keep"],
         keep_clean=options["keep_clean"],
         sensor_height=options["sensor_height"],
         method=method,
-        transparent=dict(_material(each) for each in options["transparent"]),
+        transparent=transparent,
         motion=_motion(options),
     )
     if setup.made_motion is not None and (said := setup.made_motion.unlike(sensor.rays())):

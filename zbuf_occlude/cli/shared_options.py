@@ -14,11 +14,13 @@ from click.core import ParameterSource
 
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, find_row
 from zbuf_occlude.extras import missing
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.camera import FIELDS_OF_VIEW, field_of_view
+from zbuf_occlude.geometry.mesh import UNITS, Mesh
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views, from_angles
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
@@ -198,7 +200,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)
-            return placed.looking(look_at, None if fov is None else math.radians(fov))
+            return placed.looking(look_at, None if fov is None else field_of_view(fov))
 
         return function(camera=camera, **others)
 
@@ -221,7 +223,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option(
             "--fov",
-            type=click.FloatRange(0, 180, min_open=True, max_open=True),
+            type=click.FloatRange(*FIELDS_OF_VIEW),
             callback=finite,
             help="Field of view, degrees.  [default: the whole mesh is seen]",
         ),
@@ -236,6 +238,14 @@ up_option = click.option(
     default=None,
     help="Up axis of the files.  [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
 )
+
+frame_options = all_of(
+    up_option,
+    click.option(
+        "--unit", type=Name(list(UNITS)), default=None, help="Unit of the files, for metres.  [default: as they are]"
+    ),
+)
+"""--up and --unit: in what frame files are; handed on as `up` and `unit`."""
 
 
 def sample_size(value: str | int) -> int | None:
@@ -298,20 +308,21 @@ def collect(
     up: str | None,
     limit: int | None,
     *,
+    unit: str | None = None,
     out: Path | None = None,
     choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved,
     labels: Path | None = None,
     classes: list[str] | None = None,
     splits: list[str] | None = None,
-    formulas: bool = False,
+    shapes: str = BUILT_IN[0].name,
     colors: bool = False,
 ) -> MeshCollection:
-    """Return the meshes that a person named, or the built-in ones; chosen and ordered, and at most `limit` of them.
+    """Return the meshes that a person named, or `shapes` that are built in; chosen, ordered, at most `limit` of them.
 
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
     if paths:
-        meshes = MeshCollection.from_paths(paths, up=up, labels=labels, colors=colors)
+        meshes = MeshCollection.from_paths(paths, up=up, unit=unit, labels=labels, colors=colors)
         if out is not None:
             own = Path(os.path.realpath(out))
             outside = (e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
@@ -319,9 +330,7 @@ def collect(
         if not meshes:
             raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        meshes = shapes.formulas.collection() if formulas else shapes.collection()
+        meshes = find_row("shapes", shapes, BUILT_IN).collection()
         meshes = meshes if labels is None else meshes.labelled(labels)
     meshes = choose(meshes.select(classes=classes, splits=splits))
     return meshes if limit is None else meshes.limit(limit)

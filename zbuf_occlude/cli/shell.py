@@ -24,6 +24,7 @@ def echo(text: object, *, err: bool = False) -> None:
     Names in them come from files and folders, and from data that others made: what would command a terminal, or is in
     no encoding, is written as in Python; ``\\n`` alone ends a line.
     """
+    COMPILING.close()
     click.echo("\n".join(map(printable, str(text).split("\n"))), err=err)
 
 
@@ -39,9 +40,40 @@ def one_line(error: click.ClickException) -> str:
     return f"{said} Help: {context.command_path} --help" if context is not None else said
 
 
+class Compiling:
+    """A line that says how many functions are compiled, while some are; `total` of them are expected, if that is known.
+
+    It goes when anything else is said.
+    """
+
+    def __init__(self) -> None:
+        self.total: int | None = None
+        self._bar: Any = None
+
+    def one_more(self) -> None:
+        """Count a function."""
+        if self._bar is None:
+            from tqdm import tqdm  # late: help needs none
+
+            looks = {"unit": " functions", "desc": "compile", "leave": False, "miniters": 1}
+            self._bar = tqdm(total=self.total, disable=None, **looks)  # nothing in logs, which do not move
+        self._bar.update()
+
+    def close(self) -> None:
+        """Remove the line."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+COMPILING = Compiling()
+
+
 def progress_bar(total: float, unit: str, what: str, **more: Any) -> Any:
     """Return a tqdm bar, shown with the first progress: after all that may refuse; in a file seldom drawn again."""
     from tqdm import tqdm  # late: help needs none
+
+    COMPILING.close()
 
     class Bar(tqdm):  # type: ignore[misc]  # it has no types
         def update(self, n: float | None = 1) -> bool | None:
@@ -91,7 +123,7 @@ LONG = 10
 WIDTH = 118
 
 PANELS = {
-    "Input": "shapes preset up labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
+    "Input": "shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size subset "
     "overlap seed attributes seconds row_seconds judge_points",
@@ -145,6 +177,10 @@ class CommandGroup(click.Group):
 
     table: ClassVar[Mapping[str, str]]
     """Name and one line of each command."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; without any, show the help (as an error it would be one long line)."""
+        return super().parse_args(context, args or ["--help"])
 
     def list_commands(self, context: click.Context) -> list[str]:
         """Return the names in the order of the table."""

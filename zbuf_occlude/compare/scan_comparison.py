@@ -17,10 +17,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors
 from zbuf_occlude.compare.bop_folder import camera_of, model_number
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
-from zbuf_occlude.documents import flag
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.extras import importing
@@ -31,7 +31,7 @@ from zbuf_occlude.sensors.bop import MILLIMETRES
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.scanning import default_caster, scan
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 DEPTH_UNIT = 0.001
@@ -203,10 +203,13 @@ def compare_scans(
         mesh = load_mesh(mesh, up="z")  # its own axes, which the poses lead to
         if model is not None:
             mesh = mesh.transformed(1.0 / MILLIMETRES)
-    mesh, sensor = as_mesh(mesh), sensor if isinstance(sensor, Sensor) else make(sensor)
+    mesh, sensor = as_mesh(mesh), make(sensor)
+    refine = as_flag(refine, "refine")
+    if method is not None:
+        find_method(method)  # for its error
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
-        if value is not None and not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
-            raise ArgumentError(f"{name} must be a length above 0; got {value!r:.40}.")
+        if value is not None:
+            as_number(value, name, "a length above 0", lambda length: length > 0.0)
     scans = [scans] if isinstance(scans, str | Path) else scans
     if not len(scans):
         raise ArgumentError("scans must be one or more; there is none.")
@@ -228,7 +231,7 @@ def compare_scans(
         raise ArgumentError(f"poses must be one per scan ({len(clouds)}); got {len(matrices)}.")
     mounted = np.eye(4) if sensor_pose is None else rigid(sensor_pose, "sensor_pose")
     with prepare(mesh, method or default_caster()) as occluder:
-        question = _Question(mesh, occluder, mounted, tolerance, slack, flag("refine", refine), seed)
+        question = _Question(mesh, occluder, mounted, tolerance, slack, refine, seed)
         return [question.ask(*each) for each in zip(names, clouds, matrices, sensors, strict=True)]
 
 
@@ -475,7 +478,8 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     folder.mkdir(parents=True, exist_ok=True)
     data = folder / "scans.json"
     document = {"sensor": sensor.document, "scans": [each.document for each in found]}
-    data.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    text = json.dumps(document, indent=1) + "\n"
+    atomic.write(data, lambda file: file.write(text.encode()))
     agreements = np.array([each.agreement for each in found])
     known = agreements[~np.isnan(agreements)]
     mean, hidden = (float(np.mean(each)) if len(each) else np.nan for each in (known, [e.false_hidden for e in found]))

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.compare.bop_folder import poses_of
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError, OptionError, in_words, printable
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
+from zbuf_occlude.meshes.load import warn_of_foreign_lines
 from zbuf_occlude.meshes.ply import read_ply_points
 from zbuf_occlude.sensors.sensor import Sensor
 
@@ -39,7 +40,7 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     Raises
     ------
     DatasetError
-        Not readable, of another kind, or without points.
+        Not readable, of another kind, without points, or with coordinates beyond `LARGEST`.
     OptionError
         A depth image where the sensor is no pinhole, or of another size.
     UnavailableError
@@ -57,12 +58,16 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
     if not len(points):
         raise DatasetError(f"{name}: a scan must have points; this one has none.")
+    if (np.abs(points) > LARGEST).any():
+        raise DatasetError(f"{name}: coordinates must be below {LARGEST:g}; one is {np.abs(points).max():g}. Clean it.")
     return points
 
 
 def _read(path: Path, suffix: str, sensor: Sensor, depth_unit: float) -> FloatArray:
     if suffix == ".ply":
-        found = read_ply_points(path.read_bytes())
+        data = path.read_bytes()
+        found = read_ply_points(data)
+        warn_of_foreign_lines(path, data)
         if found is None:
             raise ValueError("it has faces, so it is a mesh")
         return found

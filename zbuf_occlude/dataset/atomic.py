@@ -18,7 +18,9 @@ from zipfile import BadZipFile
 
 from zbuf_occlude.errors import DatasetError
 
-_TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
+LOCK = ".zbuf-lock"
+"""File of a dataset's folder that a run holds locked while it is at work."""
+_TEMPORARY = re.compile(rf"\.zbuf-[0-9a-f]{{16}}\.part|{re.escape(LOCK)}")
 
 
 def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
@@ -31,7 +33,7 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     # random, not the process's number: machines and containers that share a folder have the same numbers
     temporary = path.with_name(f".zbuf-{secrets.token_hex(8)}.part")
     try:
-        with open(temporary, "xb") as file:
+        with open(temporary, "x+b") as file:
             fill(file)
             file.flush()
             if synced:
@@ -43,8 +45,7 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     except OSError as error:
         if error.errno is None:  # from inside NumPy
             raise OSError(errno.EIO, "it could not be written whole; is the disk full?", str(path)) from error
-        if error.filename is not None:
-            error.filename = str(path)  # the name that people know
+        error.filename = str(path)  # the name that people know
         raise
     finally:
         with suppress(OSError):  # it is not there any more, or never was

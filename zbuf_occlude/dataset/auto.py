@@ -40,12 +40,11 @@ class Choice:
 def by_default() -> Choice:
     """Choose where no method was named: `depth_buffer`, or `exact`, with the reason, where no OpenGL context opens."""
     from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
-    from zbuf_occlude.gl.devices import FIXES
 
     try:
         GlContext.open().close()
     except GlError:
-        return Choice("exact", f"no OpenGL context opens here; for depth_buffer on Debian: {FIXES['egl']}")
+        return Choice("exact", "no OpenGL context opens here")
     return Choice("depth_buffer", "")
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.counts import Blank, Counts
-from zbuf_occlude.dataset.folder import GROUPS, WORK, sha256_of
+from zbuf_occlude.dataset.folder import GROUPS, WORK, is_as_written, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.packed import Archive, archive_name
 from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, samplings
@@ -279,7 +279,8 @@ def group_path(out: Path, number: int) -> Path:
 def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outcome | None, str]:
     """Return the outcome of a batch or group that is done; else None and, where there is something, what is wrong.
 
-    With `closely` the checksums of clouds and files are compared too. One of another plan is a DatasetError.
+    With `closely` the checksums of clouds and of all files are compared too, else of files that have changed since. One
+    of another plan is a DatasetError.
     """
     try:
         with open(path, "rb") as file:
@@ -296,9 +297,9 @@ def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outc
         return None, f"{path.name} is damaged"
     if outcome.fingerprint != plan.fingerprint:
         raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {outcome.fingerprint}.")
+    since = 0 if closely else path.stat().st_mtime_ns
     for named in {named for of_split in outcome.files.values() for named in of_split}:
-        final = path.parents[1] / named.name
-        if not final.is_file() or final.stat().st_size != named.n_bytes or (closely and Named.of(final) != named):
+        if not is_as_written(path.parents[1] / named.name, named.n_bytes, named.sha256, since):
             return None, f"{named.name} is missing or damaged"
     return outcome, ""
 

@@ -7,15 +7,16 @@ import hashlib
 import json
 import os
 import re
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import IO, Any
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.atomic import reading
+from zbuf_occlude.dataset.atomic import LOCK, reading
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
@@ -29,12 +30,11 @@ WORK = "work"
 STORED = "stored"
 """Folder of the dataset that a layout of others is exported from, while that is made."""
 EXPORT_NAMES = "export.json"
-"""File of the work folder that lists what an export writes."""
+"""File of the work folder that lists what an export writes, or has written before it was found damaged."""
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 ORIGINAL = "original"
 """Folder of the dataset of complete clouds that some presets make too."""
-LOCK = "lock"
 
 PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
 """Without its plan nothing says which files of a folder are the dataset's, so nothing is deleted."""
@@ -138,6 +138,27 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def is_as_written(path: Path, n_bytes: int | None, sha256: str, since: int) -> bool:
+    """Whether a file has its size, where that is known, and its content.
+
+    It is read only where it has changed `since` (ns): where nothing has, its size alone is looked at.
+    """
+    try:
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode) or (n_bytes is not None and found.st_size != n_bytes):
+            return False
+        return max(found.st_mtime_ns, found.st_ctime_ns) < since or sha256_of(path) == sha256
+    except OSError:
+        return False
+
+
+def damaged(out: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """Return the files of a finished dataset that are missing or not as they were written, by `is_as_written`."""
+    since, sizes = (out / MANIFEST).stat().st_mtime_ns, manifest.get("bytes", {})
+    files = sorted(manifest["sha256"].items())
+    return [name for name, sha256 in files if not is_as_written(out / name, sizes.get(name), sha256, since)]
+
+
 def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
     """Return the SHA-256 of files of a dataset by name, and of those that say what labels, meshes and files there are.
 
@@ -148,6 +169,15 @@ def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = Mappin
     for name in sorted(beside.union(names)):
         with reading(out / name):
             found[name] = known[name] if name in known else sha256_of(out / name)
+    return found
+
+
+def sizes(out: Path, names: Iterable[str]) -> dict[str, int]:
+    """Return the bytes of files of a dataset by name; DatasetError where one is missing."""
+    found = {}
+    for name in names:
+        with reading(out / name):
+            found[name] = (out / name).stat().st_size
     return found
 
 
@@ -194,40 +224,62 @@ def occupy(plan: Plan, out: Path) -> None:
 
 
 @contextmanager
-def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
-    """Hold some groups of a dataset for this run alone; the lock ends with the process, however that ends.
+def locked(out: Path, groups: range | None = None, *, wait: bool = False) -> Iterator[None]:
+    """Hold a folder, or some groups of its dataset, for this run alone; the lock ends with the process at the latest.
 
-    Another run that holds one is waited for with `wait`, else a DatasetError.
+    Another run that holds any of it is waited for with `wait`, else a DatasetError.
     """
-    (out / WORK).mkdir(exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     try:
         fcntl = import_module("fcntl")
     except ImportError:  # only Unix has it
         yield
         return
-    with open(out / WORK / LOCK, "wb") as file:
-        for group in groups:
-            try:
-                fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, group)  # a byte a group
-            except BlockingIOError:
-                raise DatasetError(
-                    f"{out} must be made by one run at a time; another is making group {group}. Wait until it ends, "
-                    "or give each run its own --shard I/N."
-                ) from None
-            except OSError:  # a file system without locks
-                break
-        yield
+    path, held = out / LOCK, False
+    while not held:
+        with open(path, "ab") as file:
+            _lock(fcntl, file, out, groups, wait)
+            held = path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))  # else it was another's end
+            if held:
+                try:
+                    yield
+                finally:
+                    if groups is None:  # of its groups, others may be held by others
+                        path.unlink(missing_ok=True)
+
+
+def _lock(fcntl: Any, file: IO[bytes], out: Path, groups: range | None, wait: bool) -> None:
+    """Lock a byte of a file for each group, or all of it."""
+    for start, n_bytes in [(0, 0)] if groups is None else [(group, 1) for group in groups]:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), n_bytes, start)
+        except (BlockingIOError, PermissionError):
+            raise DatasetError(
+                f"{out} must be made by one run at a time; another is at work there. Wait until it ends, or give each "
+                "run its own --shard I/N."
+            ) from None
+        except OSError:  # a file system without locks
+            return
 
 
 def remove(out: Path) -> None:
     """Remove a dataset from its folder, with the complete clouds of it, if that is all (`removable`)."""
     for folder, plan in removable(out):
+        unfinish(folder)  # first: what is left is no finished dataset
         own, _ = sorted_out(folder, plan)
-        (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left is no finished dataset
-        _remove_files(folder, [name for name in own if name != PLAN])
-        (folder / PLAN).unlink()  # last: until then the folder is known to be ours
+        names = f"{WORK}/{EXPORT_NAMES}"
+        remove_files(folder, [name for name in own if name not in (PLAN, LOCK, names)])
+        remove_files(folder, [names, f"{WORK}/"])  # last but one: until then all files are known to be ours
+        (folder / PLAN).unlink()  # last: until then the folder is
     with suppress(OSError):
         (out / ORIGINAL).rmdir()
+
+
+def unfinish(out: Path) -> None:
+    """Have a folder hold no finished dataset any more; the names of its files stay known."""
+    if (out / MANIFEST).exists():
+        (out / WORK).mkdir(exist_ok=True)
+        os.replace(out / MANIFEST, out / WORK / EXPORT_NAMES)
 
 
 def removable(out: Path) -> list[tuple[Path, Plan]]:
@@ -258,14 +310,14 @@ def _original(out: Path) -> Plan | None:
 def remove_work(out: Path, plan: Plan) -> None:
     """Remove what a finished dataset no longer needs: unfinished work, and temporary files of killed processes."""
     own, _ = sorted_out(out, plan)
-    names = [each for each in own if each.split("/")[0] in (WORK, STORED) or atomic.is_temporary(each.split("/")[-1])]
-    _remove_files(out, names)
+    left = [each for each in own if each.split("/")[0] in (WORK, STORED) or atomic.is_temporary(each.split("/")[-1])]
+    remove_files(out, [name for name in left if name != LOCK])
 
 
 def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
-    """Return the files in a dataset's folder that are the dataset's, and the files and folders that are not."""
+    """Return what in a dataset's folder is the dataset's, and what is not: files, and folders, which end in a slash."""
     names = {PLAN, MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)}
-    names |= set(find_format(plan.format).names(plan)) | set(_recorded(out))
+    names |= set(find_format(plan.format).names(plan)) | set(recorded(out))
     folders = {"", GROUPS, WORK, STORED} | {str(parent) for name in names for parent in Path(name).parents} - {"."}
     own, others = list[str](), list[str]()
     for path, subfolders, files in os.walk(out):
@@ -277,6 +329,8 @@ def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
                 subfolders.remove(name)
                 if here or name != ORIGINAL or _original(out) is None:
                     others.append(f"{whole}/")
+            else:
+                own.append(f"{whole}/")
         for name in files:
             whole = f"{here}{name}"
             is_own = whole in names or _OWN.match(whole) or atomic.is_temporary(name)
@@ -284,10 +338,10 @@ def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
     return own, sorted(others)
 
 
-_OWN = re.compile(rf"{GROUPS}/\d{{6}}\.json$|{WORK}/(\d{{6}}\.batch$|{LOCK}$|{EXPORT_NAMES}$|export/)|{STORED}/")
+_OWN = re.compile(rf"{GROUPS}/\d{{6}}\.json$|{WORK}/(\d{{6}}\.batch$|{EXPORT_NAMES}$|export/)|{STORED}/")
 
 
-def _recorded(out: Path) -> Iterator[str]:
+def recorded(out: Path) -> Iterator[str]:
     """Yield the names of files that a manifest, records of groups, or an export that was begun say are there."""
     for path in (out / MANIFEST, *(out / GROUPS).glob("*.json"), out / WORK / EXPORT_NAMES):
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # damaged: what it names stays
@@ -295,12 +349,15 @@ def _recorded(out: Path) -> Iterator[str]:
             yield from document["sha256"] if "sha256" in document else document["names"]
 
 
-def _remove_files(out: Path, names: Iterable[str]) -> None:
-    """Remove files, and the folders that are empty then."""
+def remove_files(out: Path, names: Iterable[str]) -> None:
+    """Remove files, and those folders, of theirs and named, that are empty then."""
     folders = set[Path]()
     for name in names:
-        (out / name).unlink(missing_ok=True)
-        folders.update((out / name).parents)
+        if name.endswith("/"):
+            folders.add(out / name)
+        else:
+            (out / name).unlink(missing_ok=True)
+            folders.update((out / name).parents)
     for folder in sorted(folders, key=lambda each: len(each.parts), reverse=True):
         if out in folder.parents:
             with suppress(OSError):  # something else is in it

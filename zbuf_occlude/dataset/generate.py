@@ -35,11 +35,16 @@ from zbuf_occlude.dataset.folder import (
     MANIFEST,
     STORED,
     checksums,
+    damaged,
+    holds,
     locked,
     occupy,
     read_manifest,
+    removable,
     remove,
     remove_work,
+    sizes,
+    unfinish,
     write_names,
 )
 from zbuf_occlude.dataset.formats import PACKED, find_format
@@ -241,33 +246,40 @@ def generate(
     OptionError, UnavailableError
         The format cannot hold such a plan, or not here.
     """
-    row = find_format(plan.format)
+    row, limits = find_format(plan.format), limits or Limits()
     row.check(plan)
-    if overwrite:
-        remove(out)
-    occupy(plan, out)
-    began, limits = time.perf_counter(), limits or Limits()
-    if (finished := read_manifest(out)) is not None:
-        if is_sound(plan, finished, out, limits):
-            progress(plan.n_clouds)
-            remove_work(out, plan)
-            return finished
-        (out / MANIFEST).unlink()
-    if row.exported_from:
-        stored = generate(
-            stored_plan(plan), out / STORED, run=run, share=share, limits=limits, progress=progress, written=written
-        )
-        return export_here(plan, out, stored) if share == (0, 1) else {}
     groups = range(share[0], len(plan.groups), share[1])
-    with locked(out, groups):
-        schedule = Schedule(plan, out, groups, limits, progress, written)
+    if overwrite and removable(out):
+        with locked(out):
+            remove(out)
+    elif holds(plan, out) and (finished := read_manifest(out)) is not None and not _faults(plan, finished, out, limits):
+        progress(plan.n_clouds)
+        remove_work(out, plan)
+        return finished
+    with locked(out, None if share == (0, 1) else groups):
+        occupy(plan, out)
+        if (finished := read_manifest(out)) is not None:
+            faults = _faults(plan, finished, out, limits)
+            if not faults:  # another run has just ended
+                return finished
+            for fault in faults.values():
+                _LOG.warning("%s", fault)
+            unfinish(out)
+            for name in faults.keys() & finished["sha256"].keys():
+                (out / name).unlink(missing_ok=True)
+        if row.exported_from:
+            stored = generate(
+                stored_plan(plan), out / STORED, run=run, share=share, limits=limits, progress=progress, written=written
+            )
+            return export_here(plan, out, stored) if share == (0, 1) else {}
+        began, schedule = time.perf_counter(), Schedule(plan, out, groups, limits, progress, written)
         if schedule.todo:
             makes_meshes = any(what == "batch" for what, _ in schedule.todo)
             needs_gl = makes_meshes and find_method(plan.recipe.method).needs_gl
             (run or run_here)(Making(plan, out, needs_gl), list(schedule.todo), schedule.done)
-    if share != (0, 1):
-        return {}
-    return finish(plan, out, {"making": schedule.made - began, "writing": time.perf_counter() - schedule.made})
+        if share != (0, 1):
+            return {}
+        return finish(plan, out, {"making": schedule.made - began, "writing": time.perf_counter() - schedule.made})
 
 
 def merge(plan: Plan, out: Path) -> dict[str, Any]:
@@ -275,10 +287,13 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
 
     Another process may do it too.
     """
-    if (finished := read_manifest(out)) is not None:
-        return finished
-    with locked(out, range(1), wait=True):
-        if (finished := read_manifest(out)) is not None:  # another was faster
+    with locked(out, wait=True):
+        if (finished := read_manifest(out)) is not None:
+            if lost := damaged(out, finished):
+                raise DatasetError(
+                    f"{out / lost[0]} must be as it was written; it is missing or damaged. Make it again: the same "
+                    "`zbuf-occlude generate`, without --shard."
+                )
             return finished
         if not find_format(plan.format).exported_from:
             return finish(plan, out, {})
@@ -286,23 +301,20 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
         return export_here(plan, out, read_manifest(out / STORED) or finish(stored, out / STORED, {}))
 
 
-def is_sound(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) -> bool:
-    """Whether a finished dataset is what its plan would give now, as far as that shows without reading its files.
+def _faults(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) -> dict[str, str]:
+    """Say of files and meshes of a finished dataset, by name, why they are made again.
 
     A mesh that is not what its clouds were made of is a DatasetError.
     """
-    if lost := next((name for name in sorted(manifest["sha256"]) if not (out / name).exists()), None):
-        _LOG.warning("%s is missing, and is made again", out / lost)
-        return False
+    found = {name: f"{out / name} is missing or damaged, and is made again" for name in damaged(out, manifest)}
     made = {key: Origin.from_document(document) for key, document in manifest.get("origins", {}).items()}
     check_origins(plan.meshes, made, out)
     for entry in plan.meshes:
         if (tried := manifest.get("tries", {}).get(entry.key)) is not None:
             given_up = None if tried["limits"] is None else Limits(*tried["limits"])
             if worth_another_try(entry, Origin.from_document(tried["origin"]), given_up, limits):
-                _LOG.warning("%s, which failed, is tried again", entry.key)
-                return False
-    return True
+                found[entry.key] = f"{entry.key}, which failed, is tried again"
+    return found
 
 
 def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any]:
@@ -327,7 +339,8 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
     document = {
         **summed_up(plan, whole, {**seconds, "finishing": time.perf_counter() - began}),
         "files": names,
-        "sha256": checksums(out, known, known),
+        "sha256": (sha256 := checksums(out, known, known)),
+        "bytes": sizes(out, sha256),
     }
     document["counts"]["clouds_by_split"] = {split: whole.n_clouds[split] for split in names}
     atomic.write_json(out / MANIFEST, document)

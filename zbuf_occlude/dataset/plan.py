@@ -11,14 +11,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache, partial
-from importlib.util import find_spec
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_word
+from zbuf_occlude.extras import missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
@@ -174,10 +174,8 @@ class Recipe:
         check_word("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
-        if self.subset == "fps" and find_spec("fpsample") is None:
-            raise UnavailableError(
-                "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
-            )
+        if self.subset == "fps" and (lacking := missing("fpsample")):
+            raise UnavailableError(f"subset fps {lacking}")
         for name in self.attributes:
             check_word("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
@@ -187,8 +185,8 @@ class Recipe:
             )
         if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
-        if "colors" in self.attributes and find_spec("PIL") is None:
-            raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
+        if "colors" in self.attributes and (lacking := missing("PIL")):
+            raise UnavailableError(f"the attribute colors {lacking}")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
             low, high = self.overlap
             raise OptionError(f"overlap must be shares above 0 and up to 1, A..B with A <= B; got {low:g}..{high:g}.")
@@ -419,7 +417,8 @@ class Plan:
             "format": self.format,
             "views": self.views.table.tolist(),
             "classes": self.classes,
-            "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
+            # a unit only where one was given, as plans were written before it
+            "meshes": [[e.key, e.label, e.split, e.up, *([e.unit] if e.unit else [])] for e in self.meshes],
             "clouds_per_batch": self.clouds_per_batch,
             "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
@@ -430,8 +429,8 @@ class Plan:
     def from_document(cls, document: Mapping[str, Any]) -> "Plan":
         """Read a plan back from its document, without its meshes: enough to read, count and check, not to generate."""
         entries = [
-            MeshEntry(key, label, split, partial(_not_loadable, key), up=up[0] if up else "")
-            for key, label, split, *up in document["meshes"]
+            MeshEntry(key, label, split, partial(_not_loadable, key), None, *frame)
+            for key, label, split, *frame in document["meshes"]
         ]
         views = Views.from_table(document["views"])
         plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
@@ -458,7 +457,8 @@ class Plan:
             if gone := [key for key in here if key not in there]:
                 yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
         for key in before.keys() & after.keys():
-            for what, then, now in zip(("class", "split", "up"), before[key], after[key], strict=False):
+            # of plans without an axis or a unit these are not there
+            for what, then, now in zip_longest(("class", "split", "up", "unit"), before[key], after[key], fillvalue=""):
                 if then != now:
                     yield f"{what} of {key} was {then!r}, and is {now!r}"
         for name, what in (
@@ -494,7 +494,9 @@ def _shuffled(seed: int, split: str, group: int, n_clouds: int) -> Numbers:
 
 
 def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
-    """Say what became of a value; of a mapping, what became of each of its own."""
+    """Say what became of a value; of a mapping, or a list of mappings, what became of each of its own."""
+    if all(isinstance(each, list | tuple) and all(isinstance(one, Mapping) for one in each) for each in (then, now)):
+        then, now = ({str(number): one for number, one in enumerate(each)} for each in (then, now))
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for key in sorted(then.keys() | now.keys()):
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))

@@ -189,7 +189,7 @@ def _scan_again(
                 gather_clouds(each.points, each.mask, each.views, plan.recipe, entry.key, variation)
                 for variation, each in enumerate(samplings(remade, entry.load(), mesh_id, None))
             ]
-        except (MeshError, OptionError) as error:
+        except (DatasetError, MeshError, OptionError) as error:
             verdict.faults.append(str(error))
             continue
         again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}

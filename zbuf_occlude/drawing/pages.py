@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import as_vectors
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import printable
 
 if TYPE_CHECKING:
@@ -109,15 +110,16 @@ def write_pages(
     templates.filters |= {"marked_up": marked_up, "base64": lambda data: base64.b64encode(data).decode()}
     templates.globals |= {"asset": asset, "json_for_page": json_for_page}
     content = {"title": title, "answers": answers, "facts": facts, "first": list(first), "sections": sections, **more}
-    written = []
+    contents = {}
     for template, suffix in ((page, "html"), ("page.md.j2", "md")):
-        written.append(folder / f"{name}.{suffix}")
-        written[-1].write_text(templates.get_template(template).render(content).strip() + "\n", encoding="utf-8")
-    for picture in (*first, *sections):
-        if isinstance(picture, Picture):
-            written.append(folder / f"{picture.name}.png")
-            written[-1].write_bytes(picture.png)
-    return written
+        contents[folder / f"{name}.{suffix}"] = (
+            templates.get_template(template).render(content).strip() + "\n"
+        ).encode()
+    pictures = (each for each in (*first, *sections) if isinstance(each, Picture))
+    contents |= {folder / f"{picture.name}.png": picture.png for picture in pictures}
+    for path, whole in contents.items():
+        atomic.write(path, lambda file, whole=whole: file.write(whole), synced=False)  # type: ignore[misc]
+    return list(contents)
 
 
 def asset(name: str) -> str:

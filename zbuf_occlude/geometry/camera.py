@@ -6,12 +6,13 @@ plane. Window space is in pixels from the lower left corner, pixel (0, 0) has it
 all leading axes are a batch of cameras. Eye depth is the distance along the axis, positive in front: ``-z``.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, as_number, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 
 WIDEST = 1.5
@@ -58,6 +59,17 @@ def unit_quaternions(quaternions: ArrayLike) -> FloatArray:
         raise ArgumentError("a quaternion must be finite and not zero; one is not. Repair it.")
     given = given / largest  # the square of a large one overflows, that of a small one is 0
     return np.asarray(given / np.linalg.norm(given, axis=-1, keepdims=True))
+
+
+FIELDS_OF_VIEW = 1e-3, 179.9
+"""Degrees that a picture may show: beyond them its tangents are no numbers of single precision."""
+
+
+def field_of_view(degrees: float) -> float:
+    """Return a field of view in radians; raise ArgumentError for what is none."""
+    low, high = FIELDS_OF_VIEW
+    want = f"a number from {low:g} to {high:g}, degrees"
+    return math.radians(as_number(degrees, "fov", want, lambda number: low <= number <= high))
 
 
 def rotations_of(quaternions: ArrayLike) -> FloatArray:

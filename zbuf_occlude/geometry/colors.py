@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_number
 from zbuf_occlude.errors import ArgumentError
 
 Bytes = NDArray[np.uint8]
@@ -90,8 +90,9 @@ class SurfaceColors:
         for name, share in shares.items():
             if not isinstance(name, str):
                 raise ArgumentError(f"transparent must name materials by words; got {name!r:.40}.")
-            if share is not None and not (isinstance(share, int | float | np.number) and 0.0 <= share <= 1.0):
-                raise ArgumentError(f"the share of light that {name} lets pass must lie in 0..1; got {share!r:.40}.")
+            if share is not None:
+                what = f"the share of light that {name} lets pass"
+                as_number(share, what, "a number in 0..1", lambda number: 0.0 <= number <= 1.0)
         found = []
         for material in self.materials:
             mine = [share for name, share in shares.items() if fnmatchcase(material.name, name)]

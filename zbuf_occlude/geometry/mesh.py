@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from zbuf_occlude.arrays import (
     frozen,
     sealed,
 )
-from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import WHITE, SurfaceColors, of_trimesh
 from zbuf_occlude.jit.compiler import njit
@@ -34,6 +35,11 @@ NO_AREA = 1e-12
 
 MeshLike = Any
 """What `as_mesh` takes."""
+
+UP = ("z", "y")
+"""Axes that may point up in a file."""
+UNITS = MappingProxyType({"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254})
+"""Units that a file may be in, and their metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,14 +210,15 @@ class Mesh(Sealed):
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
         """Return the mesh with every vertex v moved to ``scale * v + translation``."""
-        return self._with_vertices(
-            self.vertices * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
-        )
+        factor, shift = as_numbers(scale, "scale", ()), as_numbers(translation, "translation", (3,))
+        with np.errstate(all="ignore"):  # what overflows is judged as the vertices that it gives
+            return self._with_vertices(self.vertices * factor + shift)
 
     def rotated(self, rotation: ArrayLike) -> "Mesh":
         """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
         matrix = as_numbers(rotation, "rotation", (3, 3), " Take the upper left of a (4, 4)?")
-        return self._with_vertices(self.vertices @ matrix.T)
+        with np.errstate(all="ignore"):
+            return self._with_vertices(self.vertices @ matrix.T)
 
     def normalized(self) -> "Mesh":
         """Return the mesh centred at the origin with its longest side 1 (paper 3.4: "maximum dimension is 1")."""
@@ -260,7 +267,22 @@ class Mesh(Sealed):
         return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin, self.colors)
 
 
-def as_mesh(mesh: MeshLike, *, colors: bool = False) -> Mesh:
+def check_frame(up: str | None, unit: str | None) -> None:
+    """Raise OptionError where `up` is no axis of `UP`, or `unit` none of `UNITS`; None is neither."""
+    if up is not None:
+        check_word("up", up, UP)
+    if unit is not None:
+        check_word("unit", unit, UNITS)
+
+
+def stood(vertices: FloatArray, up: str | None, unit: str | None) -> FloatArray:
+    """Return vertices (v, 3) with z up and in metres, of such with `up` up and in `unit`; None: as they are."""
+    if up == "y":
+        vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
+    return vertices if unit in (None, "m") else vertices * UNITS[unit]
+
+
+def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, colors: bool = False) -> Mesh:
     """Return a Mesh of anything that is one.
 
     Parameters
@@ -268,6 +290,8 @@ def as_mesh(mesh: MeshLike, *, colors: bool = False) -> Mesh:
     mesh : Mesh, path, trimesh.Trimesh, open3d TriangleMesh, or (vertices, faces)
         Also any object with `vertices` and `faces` or `triangles`. A file is loaded and cleaned (`load_mesh`); arrays
         are taken as they are, so that face ids index the faces that were given.
+    up, unit : str, optional
+        As in `load_mesh`, of whatever it is: "z" or "y", and "mm", "cm", "m" or "in".
     colors : bool
         Take base colours too, of what has them.
 
@@ -275,15 +299,24 @@ def as_mesh(mesh: MeshLike, *, colors: bool = False) -> Mesh:
     ------
     ArgumentError
         None of these, or faces that are not triangles.
-    MeshError
+    MeshError, OptionError
         As `load_mesh`.
     """
-    if isinstance(mesh, Mesh):
-        return mesh
     if isinstance(mesh, str | os.PathLike):
         from zbuf_occlude.meshes.load import load_mesh  # late: reading files is a floor above
 
-        return load_mesh(mesh, colors=colors)
+        return load_mesh(mesh, up=up, unit=unit, colors=colors)
+    check_frame(up, unit)
+    found = _of_object(mesh, colors)
+    if up in (None, "z") and unit in (None, "m"):
+        return found
+    return replace(found, vertices=stood(found.vertices, up, unit))
+
+
+def _of_object(mesh: MeshLike, colors: bool) -> Mesh:
+    """Return a Mesh of an object that is one."""
+    if isinstance(mesh, Mesh):
+        return mesh
     if isinstance(mesh, tuple | list) and len(mesh) == 2:
         return Mesh(*mesh)
     if hasattr(mesh, "to_legacy"):  # of Open3D's tensors

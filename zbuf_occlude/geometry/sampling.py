@@ -12,13 +12,14 @@ from zbuf_occlude.arrays import (
     IntArray,
     Sealed,
     as_indices,
+    as_number,
     as_numbers,
     as_vectors,
     frozen,
     sealed,
     shape_and_dtype,
 )
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.errors import ArgumentError, shown
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
@@ -188,13 +189,15 @@ def sample_surface(
     (1000, 3)
     """
     if (n_points is None) == (density is None):
-        raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
+        raise ArgumentError(
+            f"give exactly one of n_points and density; got n_points={shown(n_points)}, density={shown(density)}."
+        )
     mesh = as_mesh(mesh)
     rng = generator(seed)
     if density is not None:
         counts = stochastic_counts(mesh.areas, density, rng)
     else:
-        counts = exact_counts(mesh.areas, n_points or 0, rng)
+        counts = exact_counts(mesh.areas, n_points, rng)
     positions = points_in_triangles(mesh.corners, counts, rng)
     face_ids, normals = np.empty(len(positions), dtype=np.int32), np.empty((len(positions), 3))
     _fill_faces(mesh.face_normals, counts, face_ids, normals)
@@ -217,19 +220,20 @@ def error_of_share(n_found: ArrayLike, n_points: ArrayLike) -> FloatArray:
 
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
     """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
-    if not (isinstance(density, (int, float, np.integer, np.floating)) and 0 < density < math.inf):
-        raise ArgumentError(f"density must be positive and finite; got {density!r}.")
-    wanted = areas * density
-    if wanted.sum() > MAX_POINTS:
-        raise ArgumentError(f"density {density} asks for {wanted.sum():.3g} points; at most 2^31 - 1 can be made.")
+    density = as_number(density, "density", "positive and finite", lambda number: number > 0.0)
+    with np.errstate(over="ignore"):
+        wanted = areas * density
+        n_wanted = wanted.sum()
+    if n_wanted > MAX_POINTS:
+        raise ArgumentError(f"density {density} asks for {n_wanted:.3g} points; at most 2^31 - 1 can be made.")
     whole = np.floor(wanted)
     return np.asarray(whole + (rng.random(len(areas)) < wanted - whole), dtype=np.int32)
 
 
-def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> IntArray:
+def exact_counts(areas: FloatArray, n_points: int | None, rng: np.random.Generator) -> IntArray:
     """Draw how many of exactly `n_points` fall on each face, proportionally to area. (f,) int32."""
     if isinstance(n_points, bool) or not isinstance(n_points, (int, np.integer)) or n_points < 1:
-        raise ArgumentError(f"n_points must be a positive int; got {n_points!r}.")
+        raise ArgumentError(f"n_points must be a positive int; got {shown(n_points)}.")
     if n_points > MAX_POINTS:
         raise ArgumentError(f"n_points must be at most 2^31 - 1; got {n_points}.")
     total = areas.sum()

@@ -38,6 +38,7 @@ class Kernel:
         if self._dispatcher is None:
             import numba  # late: see above
 
+            _listen()
             folder = cache_folder() if self._options.get("cache") else None
             with _lock:
                 # numba looks for the folder while a function is declared; functions of others keep theirs
@@ -90,26 +91,69 @@ def cache_folder() -> Path | None:
     for base in _bases():
         folder = base / f"{of_place}-{of_sources}"
         with suppress(OSError):
-            if not folder.exists():
-                for other in base.glob(f"{of_place}-*"):
-                    shutil.rmtree(other, ignore_errors=True)
-                announce()
+            is_new = not folder.exists()
             folder.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
+            if is_new:  # said, and others removed, only where this is the folder: not of each that may not be written
+                for other in set(base.glob(f"{of_place}-*")) - {folder}:
+                    shutil.rmtree(other, ignore_errors=True)
+                _say_once(kept=True)
             return folder
     return None
 
 
-@cache
 def announce() -> None:
     """Say, once in a process, that compiling takes a while."""
-    _LOG.warning("compiling, once: a minute or so of processor time; the next run begins at once")
+    _say_once(kept=cache_folder() is not None)
+
+
+@cache
+def _say_once(*, kept: bool) -> None:
+    if kept:
+        _LOG.warning("compiling, once: a minute or so of processor time; the next run begins at once")
+    else:
+        _LOG.warning(
+            "compiling, in each run: a minute or so of processor time, as no folder for what is compiled can be "
+            "written. Let NUMBA_CACHE_DIR name one."
+        )
+
+
+_listeners: set[Callable[[], None]] = set()
+
+
+def on_compiled(listener: Callable[[], None]) -> None:
+    """Call a function after each function that is compiled in this process; none is where all are in the cache."""
+    _listeners.add(listener)
+
+
+@cache
+def _listen() -> None:
+    """Have numba tell `_listeners` what it compiles."""
+    from numba.core import event  # late: see above
+
+    class Compiled(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, event: Any) -> None:
+            """Do nothing: what begins is not done."""
+
+        def on_end(self, event: Any) -> None:
+            """Tell of one more."""
+            for listener in _listeners:
+                listener()
+
+    event.register("numba:compile", Compiled())
 
 
 def compiled_before(job: str) -> bool:
-    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder."""
-    name = os.path.join("-".join(_names()), f"{job}.compiled")
-    return any(os.path.exists(base / name) for base in _bases())  # False where Path.exists would raise
+    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder.
+
+    Only the folder that `cache_folder` takes counts: code elsewhere, where nothing can be written, is not used.
+    """
+    name = "-".join(_names())
+    for base in _bases():
+        there = next(place for place in (base / name, base, *base.parents) if os.path.exists(place))
+        if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+            return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
+    return False
 
 
 def note_compiled(job: str) -> None:
@@ -131,7 +175,10 @@ def _bases() -> Iterator[Path]:
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(given)
     yield PACKAGE / "__pycache__"
-    yield Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "zbuf_occlude")
+    for home in (os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")):
+        if os.path.isabs(home):  # else it would be made wherever a person is: "~" stays for a user without a home
+            yield Path(home, "zbuf_occlude")
+            break
     if hasattr(os, "getuid"):
         private = Path(tempfile.gettempdir(), f"zbuf_occlude-{os.getuid()}")
         with suppress(OSError):
@@ -145,7 +192,8 @@ def _sources() -> Iterator[bytes]:
     """Yield what compiled code depends on: the sources of `ROOMS`, and when numba was installed."""
     numba = importlib.util.find_spec("numba")
     if numba is not None and numba.origin:
-        yield f"{numba.origin} {os.stat(numba.origin).st_mtime_ns}".encode()
+        # its real place: an environment may be reached by a link, too
+        yield f"{os.path.realpath(numba.origin)} {os.stat(numba.origin).st_mtime_ns}".encode()
     for room in ROOMS:
         for source in sorted((PACKAGE / room).glob("*.py")):
             yield source.name.encode(errors="surrogateescape")

@@ -13,11 +13,12 @@ from unicodedata import decimal
 
 import numpy as np
 
+from zbuf_occlude.arrays import as_flag
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
-from zbuf_occlude.meshes.load import UP, default_up, load_mesh
+from zbuf_occlude.meshes.load import default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
 from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
 from zbuf_occlude.provenance import UNKNOWN, Origin
@@ -48,6 +49,8 @@ class MeshEntry:
         Of the file, if it comes from one.
     up : str
         The axis that points up in the file, "z" or "y"; empty without a file.
+    unit : str
+        Of the file, where a person gave it; the mesh is in metres then.
     origin : Origin
         Of a mesh that is computed; a file's is known when it has been read (`Mesh.origin`).
     """
@@ -58,6 +61,7 @@ class MeshEntry:
     load: Callable[[], Mesh] = field(repr=False)
     path: Path | None = None
     up: str = ""
+    unit: str = ""
     origin: Origin = UNKNOWN
 
     def __post_init__(self) -> None:
@@ -139,6 +143,7 @@ class MeshCollection(Sequence[MeshEntry]):
         paths: Paths,
         *,
         up: str | None = None,
+        unit: str | None = None,
         labels: str | os.PathLike[str] | None = None,
         colors: bool = False,
     ) -> "MeshCollection":
@@ -152,6 +157,8 @@ class MeshCollection(Sequence[MeshEntry]):
             folder without mesh files may hold ZIP archives, each read as a folder of its name; so may ShapeNetCore's.
         up : {"z", "y"}, optional
             As in `load_mesh`, for all of them; by default what the layout says, or else the format.
+        unit : {"mm", "cm", "m", "in"}, optional
+            As in `load_mesh`, for all of them.
         labels : path-like, optional
             A file that says which mesh is of which class and split (`zbuf_occlude.meshes.labels`). What it does not
             name is left out.
@@ -168,8 +175,8 @@ class MeshCollection(Sequence[MeshEntry]):
         MeshError
             A path does not exist or cannot be read, a file is of a format not read here, or a folder has no mesh.
         OptionError
-            `up` is unknown; the labels, or a layout's own list of splits, cannot be read; labels are of none of the
-            meshes.
+            `up` or `unit` is unknown; the labels, or a layout's own list of splits, cannot be read; labels are of none
+            of the meshes.
 
         Notes
         -----
@@ -180,8 +187,8 @@ class MeshCollection(Sequence[MeshEntry]):
         Files of other formats and hidden ones are ignored, linked folders followed. A folder below the path given that
         cannot be read is one entry, ``FOLDER/*``, which fails when it is loaded.
         """
-        if up is not None:
-            check_word("up", up, UP)
+        check_frame(up, unit)
+        colors = as_flag(colors, "colors")
         given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")
@@ -203,10 +210,10 @@ class MeshCollection(Sequence[MeshEntry]):
                 load = (
                     partial(_unreadable, file.parent)
                     if file.name == ALL
-                    else _FromFile(file, up or layout.up, key, colors)
+                    else _FromFile(file, up or layout.up, unit, key, colors)
                 )
                 up_there = up or layout.up or default_up(file)
-                entries[key] = MeshEntry(key, printable(place.label), place.split, load, file, up_there)
+                entries[key] = MeshEntry(key, printable(place.label), place.split, load, file, up_there, unit or "")
         found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
         return found if labels is None else found.labelled(labels)
 
@@ -274,11 +281,12 @@ class _FromFile:
 
     file: Path
     up: str | None
+    unit: str | None
     name: str
     colors: bool
 
     def __call__(self) -> Mesh:
-        return load_mesh(self.file, up=self.up, name=self.name, colors=self.colors)
+        return load_mesh(self.file, up=self.up, unit=self.unit, name=self.name, colors=self.colors)
 
 
 def _unreadable(folder: Path) -> Mesh:

@@ -2,9 +2,10 @@
 
 import json
 import math
+import re
 import struct
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -12,14 +13,14 @@ from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
-from zbuf_occlude.meshes.gltf_data import Data, Json, whole
+from zbuf_occlude.meshes.gltf_data import Attributes, Data, Json, whole
 from zbuf_occlude.meshes.looks import Look, Textures
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 
 _LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
-_READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quantization")
-_HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", *_READ)
+_READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_node_visibility")
+_HARMLESS = re.compile(r"[A-Z0-9]+_(materials|texture|lights|packing|techniques|animation|audio|xmp|physics)_")
 """Extensions that a file may require without that positions or faces were hidden from this reader."""
 
 _DEEPEST = 200  # levels of nodes
@@ -28,10 +29,14 @@ _ROUNDING = 1e-3
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 
 
-class _Part(NamedTuple):
-    """The triangles of one primitive, in its mesh's own space."""
+Rows = TypeVar("Rows", FloatArray, Ints)
 
-    primitive: Json
+
+class _Part(NamedTuple):
+    """The triangles of one primitive, in its mesh's own space, morphed."""
+
+    material_id: int | None
+    attributes: Attributes
     positions: FloatArray
     triangles: Ints
     joints: Ints | None = None
@@ -42,14 +47,15 @@ def read_gltf(data: bytes, files: MeshFiles, *, colors: bool = False) -> tuple[P
     """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it, and colours if wanted.
 
     Axes and units are the file's (y up). Triangles come mesh by mesh in the order in which nodes show them, parents
-    first. Raises MeshError for what is not glTF 2, cut short, damaged, with missing buffers, compressed by meshopt, or
-    by Draco where the package DracoPy (extra `draco`) is missing.
+    first. Raises MeshError for what is not glTF 2, cut short, damaged, with missing buffers, of a required extension
+    that is not read, compressed by meshopt, or by Draco where the package DracoPy (extra `draco`) is missing.
 
     Triangles, strips and fans are read; points and lines are left out. Skinned meshes stand as the file's own joints
-    pose them, which is the bind pose unless its exporter left another; morph targets are not applied. Instances
-    (EXT_mesh_gpu_instancing) are all shown. Vertices that no triangle uses are left out. Without a default scene the
-    first one is shown, without scenes every node that is no other's child. Faces of mirrored nodes are turned over, to
-    face as they did. What no shown triangle needs (morph targets, animations, normals) is not looked at.
+    pose them, which is the bind pose unless its exporter left another. Morph targets are applied with the default
+    weights of node or mesh. Instances (EXT_mesh_gpu_instancing) are all shown; hidden nodes (KHR_node_visibility)
+    are not. Vertices that no triangle uses are left out. Without a default scene the first one is shown, without scenes
+    every node that is no other's child. Faces of mirrored nodes are turned over, to face as they did. What no shown
+    triangle needs (targets of weight 0, animations, normals) is not looked at.
     """
     try:
         document, binary = _split(data)
@@ -71,6 +77,8 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
     binary = None
     if data.startswith(b"glTF"):
         version, declared, n_json, kind = struct.unpack_from("<III4s", data.ljust(20, b"\0"), 4)
+        if version != 2 and len(data) >= 8:  # the first version had its chunks elsewhere
+            raise MeshError(f"a GLB file must be of version 2; it is of version {version}. Export it as glTF 2.0.")
         rest = data[20 + n_json : declared]
         n_binary = int.from_bytes(rest[:4], "little")
         if declared > len(data) or 20 + n_json > declared or len(rest) < n_binary:
@@ -78,8 +86,8 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
                 f"a GLB file must have the {declared:,} bytes and the chunks that it declares; it has {len(data):,}. "
                 "Is it cut short?"
             )
-        if version != 2 or kind != b"JSON":
-            raise MeshError(f"a GLB file must be of version 2 and begin with JSON; it has {version} and {kind!r}.")
+        if kind != b"JSON":
+            raise MeshError(f"a GLB file must begin with JSON; it begins with {kind!r}. Is it damaged?")
         data, binary = data[20 : 20 + n_json], rest[8 : 8 + n_binary] if rest[4:8] == b"BIN\0" else None
     try:
         document = json.loads(data)
@@ -89,10 +97,11 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
         ) from None
     if not str(document["asset"]["version"]).startswith("2."):
         raise MeshError(f"a glTF file must be of version 2; it is of {str(document['asset']['version'])[:20]!r}.")
-    required = [name for name in document.get("extensionsRequired", []) if not str(name).startswith(_HARMLESS)]
-    if required:
+    required = [str(name)[:60] for name in document.get("extensionsRequired", [])]
+    if unknown := [name for name in required if name not in _READ and not _HARMLESS.match(name)]:
         raise MeshError(
-            f"a glTF file must be readable without extensions; it requires {required[0]}. Export it plainly."
+            f"a glTF file must not require extensions that are not read; it requires {', '.join(unknown)} "
+            f"(read are {', '.join(_READ)}). Export it without."
         )
     return document, binary
 
@@ -110,21 +119,23 @@ class _Scene:
             if scenes
             else sorted(set(range(len(self._nodes))).difference(*map(_children, self._nodes)))
         )
-        self._parts: dict[int, list[_Part]] = {}
+        self._parts: dict[tuple[int, tuple[float, ...]], list[_Part]] = {}
         self._shown: list[tuple[_Part, int]] = []  # parts and their numbers of copies, as far as the scene is flattened
 
     def flattened(self) -> tuple[FloatArray, Ints]:
         """Return all vertices and triangles of the scene."""
-        matrices = dict(self._placed())
-        shown: dict[tuple[int, int | None], list[FloatArray]] = {}  # where a mesh, with a skin or none, is shown
-        for node_id, matrix in matrices.items():
+        placed = list(self._placed())
+        matrices = {node_id: matrix for node_id, matrix, _ in placed}
+        shown: dict[tuple[int, int | None, tuple[float, ...]], list[FloatArray]] = {}  # where a mesh is shown alike
+        for node_id, matrix, is_visible in placed:
             node = self._nodes[node_id]
-            if "mesh" in node:
-                skin = whole(node["skin"]) if "skin" in node else None
-                shown.setdefault((whole(node["mesh"]), skin), []).extend(self._instances(node, matrix))
+            if "mesh" in node and is_visible:
+                mesh_id, skin = whole(node["mesh"]), whole(node["skin"]) if "skin" in node else None
+                morphed = tuple(map(float, node.get("weights", self._meshes[mesh_id].get("weights", ()))))
+                shown.setdefault((mesh_id, skin, morphed), []).extend(self._instances(node, matrix))
         positions, triangles, n_vertices = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
-        for (mesh_id, skin), places in shown.items():
-            for part in self._parts_of(mesh_id):
+        for (mesh_id, skin, morphed), places in shown.items():
+            for part in self._parts_of(mesh_id, morphed):
                 self._data.count(len(places) * (len(part.positions) + part.triangles.size))
                 moved, mirrored = self._moved(part, skin, np.array(places), matrices)
                 firsts = n_vertices + len(part.positions) * np.arange(len(moved))
@@ -135,12 +146,12 @@ class _Scene:
                 self._shown.append((part, len(moved)))
         return np.concatenate(positions), np.concatenate(triangles)
 
-    def _placed(self) -> Iterator[tuple[int, FloatArray]]:
-        """Yield each node of the scene with the matrix that takes it to world space, parents first."""
+    def _placed(self) -> Iterator[tuple[int, FloatArray, bool]]:
+        """Yield each node of the scene, the matrix that takes it to world space, and if it shows; parents first."""
         met: set[int] = set()
-        stack = [(node_id, np.eye(4), 1) for node_id in reversed(self._roots)]
+        stack = [(node_id, np.eye(4), True, 1) for node_id in reversed(self._roots)]
         while stack:
-            node_id, above, level = stack.pop()
+            node_id, above, is_visible, level = stack.pop()
             if node_id in met or level > _DEEPEST:
                 raise MeshError(
                     f"the nodes of glTF must be a tree of at most {_DEEPEST} levels; they are not. Flatten them."
@@ -148,40 +159,59 @@ class _Scene:
             met.add(node_id)
             node = self._nodes[node_id]
             matrix = above if (own := _local(node)) is None else above @ own
-            yield node_id, matrix
-            stack += [(child, matrix, level + 1) for child in reversed(_children(node))]
+            is_visible &= node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True) is not False
+            yield node_id, matrix, is_visible
+            stack += [(child, matrix, is_visible, level + 1) for child in reversed(_children(node))]
 
-    def _parts_of(self, mesh_id: int) -> list[_Part]:
-        if mesh_id not in self._parts:
-            parts = [self._part(mesh_id, primitive) for primitive in self._meshes[mesh_id]["primitives"]]
-            self._parts[mesh_id] = [part for part in parts if part is not None]
-        return self._parts[mesh_id]
+    def _parts_of(self, mesh_id: int, morphed: tuple[float, ...]) -> list[_Part]:
+        key = mesh_id, morphed
+        if key not in self._parts:
+            parts = [self._part(mesh_id, primitive, morphed) for primitive in self._meshes[mesh_id]["primitives"]]
+            self._parts[key] = [part for part in parts if part is not None]
+        return self._parts[key]
 
-    def _part(self, mesh_id: int, primitive: Json) -> _Part | None:
-        mode, attributes = primitive.get("mode", _TRIANGLES), primitive["attributes"]
-        if mode in _LINES_AND_POINTS or "POSITION" not in attributes:
+    def _part(self, mesh_id: int, primitive: Json, morphed: Sequence[float]) -> _Part | None:
+        mode = primitive.get("mode", _TRIANGLES)
+        if mode in _LINES_AND_POINTS or "POSITION" not in primitive["attributes"]:
             return None
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             raise MeshError(f"meshes of glTF must be triangles, strips or fans; mesh {mesh_id} has mode {mode!r:.9}.")
-        if (packed := primitive.get("extensions", {}).get("KHR_draco_mesh_compression")) is not None:
-            positions, triangles = self._data.draco(packed)
-            return _Part(primitive, positions, _checked(triangles, len(positions)))
-        positions = self._data.floats(attributes["POSITION"], "POSITION")
-        if "indices" in primitive:
-            indices = self._data.integers(primitive["indices"], "indices")[:, 0]
-        else:
-            indices = np.arange(len(positions))
+        attributes = self._data.attributes(primitive)
+        positions = attributes.floats("POSITION", "POSITION")
+        if (triangles := attributes.triangles) is None:
+            if "indices" in primitive:
+                indices = self._data.integers(primitive["indices"], "indices")[:, 0]
+            else:
+                indices = np.arange(len(positions))
+            triangles = _triangles(mode, indices)
         joints = weights = None
         if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
             sets = [k for k in range(len(attributes)) if f"JOINTS_{k}" in attributes and f"WEIGHTS_{k}" in attributes]
-            joints = np.hstack([self._data.integers(attributes[f"JOINTS_{k}"], "JOINTS") for k in sets])
-            weights = np.hstack([self._data.floats(attributes[f"WEIGHTS_{k}"], "WEIGHTS") for k in sets])
+            joints = np.hstack([_of(positions, attributes.integers(f"JOINTS_{k}", "JOINTS"), "JOINTS") for k in sets])
+            weights = np.hstack([_of(positions, attributes.floats(f"WEIGHTS_{k}", "WEIGHTS"), "WEIGHTS") for k in sets])
             if (weights < -_ROUNDING).any():
                 raise MeshError(
                     f"the weights of joints must not be negative; one is {weights.min():g}. Export the mesh again."
                 )
             weights = np.maximum(weights, 0.0)
-        return _Part(primitive, positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
+        material_id = whole(primitive["material"]) if "material" in primitive else None
+        positions = self._morphed(positions, primitive, morphed)
+        return _Part(material_id, attributes, positions, _checked(triangles, len(positions)), joints, weights)
+
+    def _morphed(self, positions: FloatArray, primitive: Json, weights: Sequence[float]) -> FloatArray:
+        """Return positions (n, 3) with the morph targets of a primitive added, each by its weight."""
+        targets = primitive.get("targets", ())
+        if (targets and len(weights) not in (0, len(targets))) or not all(abs(weight) <= LARGEST for weight in weights):
+            raise MeshError(
+                f"the weights of {len(targets)} morph targets must be as many numbers; they are "
+                f"{str(list(weights))[:60]}. Export the mesh again."
+            )
+        for target, weight in zip(targets, weights, strict=False):
+            if weight and "POSITION" in target:
+                offsets = self._data.floats(target["POSITION"], "target POSITION")
+                with np.errstate(all="ignore"):  # what overflows is judged later, if a triangle uses it
+                    positions = positions + weight * _of(positions, offsets, "targets")
+        return positions
 
     def _moved(
         self, part: _Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
@@ -233,37 +263,29 @@ class _Scene:
     def look(self, corners: Ints) -> Look:
         """Return the colours of the triangles of `flattened`, whose corners (3 f,) are indices of its vertices.
 
-        Linear light, as the standard has it; a primitive without a material is white. What was compressed by Draco has
-        its materials' factors alone. Of a texture that cannot be read (Basis Universal, a missing file) the material's
-        factor is left.
+        Linear light, as the standard has it; a primitive without a material is white. Of a texture that cannot be read
+        (Basis Universal, a missing file) the material's factor is left.
         """
         textures, materials = Textures(), [WHITE]
         numbers: dict[Any, int] = {None: 0}
         colors, uvs, ids = [np.empty((0, 3))], [np.empty((0, 2))], [np.empty(0, np.int64)]
         for part, n_copies in self._shown:
-            material_id, n_vertices = part.primitive.get("material"), len(part.positions)
-            material = {} if material_id is None else self._document["materials"][whole(material_id)]
+            attributes, material_id, n_vertices = part.attributes, part.material_id, len(part.positions)
+            material = {} if material_id is None else self._document["materials"][material_id]
             texture, factor = _base_color(material)
             if material_id not in numbers:
                 numbers[material_id] = len(materials)
                 about = str(material.get("name", "")), _passing(material)
                 materials.append(Material(factor, *self._image(texture, textures), *about))
-            is_packed = "KHR_draco_mesh_compression" in part.primitive.get("extensions", {})
-            attributes = {} if is_packed else part.primitive["attributes"]
             own: FloatArray = np.ones((n_vertices, 3))
             if "COLOR_0" in attributes:
-                own = self._data.floats(attributes["COLOR_0"], "COLOR_0")[:, :3]
+                own = _of(part.positions, attributes.floats("COLOR_0", "COLOR_0")[:, :3], "COLOR_0")
             uv: FloatArray = np.full((n_vertices, 2), np.nan)
             if texture is not None:
                 turn = texture.get("extensions", {}).get("KHR_texture_transform", {})
                 name = f"TEXCOORD_{whole(turn.get('texCoord', texture.get('texCoord', 0)))}"
                 if name in attributes:
-                    uv = _transformed(self._data.floats(attributes[name], "TEXCOORD"), turn)
-            if not len(own) == len(uv) == n_vertices:
-                raise MeshError(
-                    f"COLOR_0 and TEXCOORD of glTF must be of the {n_vertices} vertices of their primitive; they are "
-                    f"of {len(own)} and {len(uv)}. Is the file damaged?"
-                )
+                    uv = _transformed(_of(part.positions, attributes.floats(name, "TEXCOORD"), name), turn)
             colors.append(np.tile(own, (n_copies, 1)))
             uvs.append(np.tile(uv, (n_copies, 1)))
             ids.append(np.full(n_copies * len(part.triangles), numbers[material_id]))
@@ -307,6 +329,16 @@ def _triangles(mode: int, indices: Ints) -> Ints:
     triangles = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
     triangles[1::2] = triangles[1::2, [1, 0, 2]]
     return triangles
+
+
+def _of(positions: FloatArray, rows: Rows, name: str) -> Rows:
+    """Return rows as they are; raise MeshError unless there is one for each vertex."""
+    if len(rows) != len(positions):
+        raise MeshError(
+            f"{name} of glTF must be of the {len(positions)} vertices of their primitive; they are of {len(rows)}. Is "
+            "the file damaged?"
+        )
+    return rows
 
 
 def _checked(indices: Ints, n_vertices: int) -> Ints:

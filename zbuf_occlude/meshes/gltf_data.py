@@ -1,4 +1,4 @@
-"""The numbers of a glTF file: buffers, read when needed and once each; accessors, sparse and normalized too."""
+"""The numbers of a glTF file: buffers, read when needed and once each; accessors and attributes, normalized too."""
 
 import base64
 from pathlib import Path
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.extras import reason
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints
 from zbuf_occlude.meshes.text import as_doubles
@@ -20,7 +21,7 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _FLOATS, _UNSIGNED = (5120, 5121, 5122, 5123, 5126), (5121, 5123, 5125)
 _ROLES = {
-    **dict.fromkeys(("POSITION", "TRANSLATION", "SCALE"), (("VEC3",), _FLOATS)),
+    **dict.fromkeys(("POSITION", "target POSITION", "TRANSLATION", "SCALE"), (("VEC3",), _FLOATS)),
     **dict.fromkeys(("WEIGHTS", "ROTATION"), (("VEC4",), _FLOATS)),
     "COLOR_0": (("VEC3", "VEC4"), _FLOATS),
     "TEXCOORD": (("VEC2",), _FLOATS),
@@ -29,6 +30,9 @@ _ROLES = {
     "JOINTS": (("VEC4",), _UNSIGNED),
 }
 """What an accessor is read for: its types, and the types of its components."""
+
+_LEAST_OF_BYTES = 128 / 127
+"""Size of the least of all normalized integers, -128 of a byte, before it is cut to -1."""
 
 _REPEATED = 6_000_000
 """Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
@@ -56,32 +60,42 @@ class Data:
 
     def floats(self, accessor_id: Any, role: str) -> FloatArray:
         """Return rows of numbers as float64; normalized integers become numbers in [-1, 1]."""
-        accessor, values = self._read(accessor_id, role)
-        as_floats = as_doubles(values)
-        if accessor.get("normalized") and values.dtype.kind in "iu":
-            as_floats = np.maximum(as_floats / np.iinfo(values.dtype).max, -1.0)
-        return as_floats
+        accessor = self.checked(accessor_id, role)
+        return _in_unit_range(accessor, self._read(accessor_id, accessor, role))
 
     def integers(self, accessor_id: Any, role: str) -> Ints:
         """Return rows of indices."""
-        return self._read(accessor_id, role)[1].astype(np.int64)
+        return self._read(accessor_id, self.checked(accessor_id, role), role).astype(np.int64)
 
-    def draco(self, packed: Json) -> tuple[FloatArray, Ints]:
-        """Return the positions and triangles of a primitive compressed by Draco."""
+    def attributes(self, primitive: Json) -> "Attributes":
+        """Return the attributes of a primitive."""
+        packed = primitive.get("extensions", {}).get("KHR_draco_mesh_compression")
+        return Attributes(self, primitive["attributes"], {} if packed is None else packed)
+
+    def checked(self, accessor_id: Any, role: str) -> Json:
+        """Return an accessor whose types are those of a role; raise MeshError for others."""
+        accessor: Json = self._accessors[whole(accessor_id)]
+        types, components = _ROLES[role]
+        found = accessor["type"], accessor["componentType"]
+        if found[0] not in types or found[1] not in components:
+            raise MeshError(
+                f"{role} of glTF must be {' or '.join(types)} of component types {components}; it is {str(found)[:60]}."
+            )
+        return accessor
+
+    def unpacked(self, packed: Json) -> Any:
+        """Return what DracoPy makes of the view that a primitive's extension names."""
         try:
             import DracoPy
-        except ImportError:
-            raise MeshError(
-                "a mesh compressed by Draco needs the package DracoPy; it is missing. Install it "
-                "(pip install zbuf-occlude[draco]), or export the mesh plainly."
-            ) from None
+        except ImportError as error:
+            said = reason("DracoPy", error)
+            raise MeshError(f"a mesh compressed by Draco {said}, or export the mesh plainly.") from None
         content = self._whole_view(packed)
         try:
-            mesh = DracoPy.decode(content)
+            return DracoPy.decode(content)
         except Exception as error:  # what a library does on damaged bytes is not ours to list
             said = " ".join(f"{type(error).__name__}: {error}".split())[:100]
             raise MeshError(f"a mesh compressed by Draco must be sound; DracoPy cannot read it ({said}).") from None
-        return np.asarray(mesh.points, dtype=np.float64).reshape(-1, 3), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
 
     def image(self, image: Json) -> bytes:
         """Return the content of an image: of a buffer view, of a data URI, or of a file."""
@@ -95,22 +109,15 @@ class Data:
         except ValueError as error:
             raise MeshError(f"an image in a data URI must be base64; this one is not ({error}).") from None
 
-    def _read(self, accessor_id: Any, role: str) -> tuple[Json, NDArray[Any]]:
-        """Return an accessor, and its numbers as they are stored, (n, width)."""
-        accessor: Json = self._accessors[whole(accessor_id)]
-        types, components = _ROLES[role]
-        found = accessor["type"], accessor["componentType"]
-        if found[0] not in types or found[1] not in components:
-            raise MeshError(
-                f"{role} of glTF must be {' or '.join(types)} of component types {components}; it is {str(found)[:60]}."
-            )
+    def _read(self, accessor_id: Any, accessor: Json, role: str) -> NDArray[Any]:
+        """Return an accessor's numbers as they are stored, (n, width)."""
         kind, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         n_rows = whole(accessor["count"])
         sparse = accessor.get("sparse")
         if "bufferView" in accessor:
             values = self._rows(accessor, kind, width, n_rows)
             self.count(n_rows)
-        elif sparse is None:
+        elif sparse is None and role != "target POSITION":  # many exporters leave out targets that move nothing
             raise MeshError(
                 f"accessor {accessor_id} of glTF must have all its data; it has none, or it is compressed. Export it "
                 "plainly."
@@ -123,7 +130,7 @@ class Data:
             rows = self._rows(where, np.dtype(_TYPES[where["componentType"]]), 1, n_changed)[:, 0].astype(np.int64)
             values = values.copy()
             values[rows] = self._rows(sparse["values"], kind, width, n_changed)
-        return accessor, values
+        return values
 
     def _rows(self, where: Json, kind: np.dtype[Any], width: int, n_rows: int) -> NDArray[Any]:
         """Return rows of numbers, which may lie apart, of the buffer view that a part of the document names."""
@@ -146,8 +153,8 @@ class Data:
 
     def _bytes(self, view: Json, offset: int, size: int) -> memoryview:
         """Return bytes of a buffer view."""
-        extensions = view.get("extensions", {})
-        buffer = self._buffer(whole(view["buffer"]), "EXT_meshopt_compression" in extensions)
+        is_meshopt = any(name.endswith("_meshopt_compression") for name in view.get("extensions", {}))
+        buffer = self._buffer(whole(view["buffer"]), is_meshopt)
         begin = whole(view.get("byteOffset", 0)) + offset
         end = begin - offset + max(offset + size, whole(view["byteLength"]))
         if end > len(buffer):
@@ -182,11 +189,65 @@ class Data:
         return self._kept[path]
 
 
+class Attributes:
+    """The attributes of one primitive, and its triangles where Draco holds them."""
+
+    def __init__(self, data: Data, accessors: Json, packed: Json) -> None:
+        self._data, self._accessors = data, accessors
+        self._numbers: Json = packed.get("attributes", {})
+        self._unpacked = data.unpacked(packed) if packed else None
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._accessors
+
+    def __len__(self) -> int:
+        return len(self._accessors)
+
+    @property
+    def triangles(self) -> Ints | None:
+        """Triangles (f, 3) of a primitive that is compressed by Draco; None of any other."""
+        if self._unpacked is None:
+            return None
+        if not hasattr(self._unpacked, "faces"):
+            raise MeshError("data of Draco must have triangles; these are points alone. Export the mesh plainly.")
+        return np.asarray(self._unpacked.faces, np.int64).reshape(-1, 3)
+
+    def floats(self, name: str, role: str) -> FloatArray:
+        """Return rows of numbers as `Data.floats`."""
+        if name not in self._numbers:
+            return self._data.floats(self._accessors[name], role)
+        return _in_unit_range(self._data.checked(self._accessors[name], role), self._of_draco(name))
+
+    def integers(self, name: str, role: str) -> Ints:
+        """Return rows of indices."""
+        if name not in self._numbers:
+            return self._data.integers(self._accessors[name], role)
+        self._data.checked(self._accessors[name], role)
+        return self._of_draco(name).astype(np.int64)
+
+    def _of_draco(self, name: str) -> NDArray[Any]:
+        number = whole(self._numbers[name])
+        found = None if self._unpacked is None else self._unpacked.get_attribute_by_unique_id(number)
+        if found is None:
+            raise MeshError(f"data of Draco must have the attribute {number}, {name}; it has not. Is it damaged?")
+        return np.asarray(found["data"])
+
+
 def whole(value: Any) -> int:
     """Check a count, an offset or an index of the JSON."""
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 60:
         raise MeshError(f"counts and indices of glTF must be whole numbers from 0; one is {str(value)[:40]!r}.")
     return value
+
+
+def _in_unit_range(accessor: Json, values: NDArray[Any]) -> FloatArray:
+    """Return numbers as float64; those of a normalized accessor of integers in [-1, 1]."""
+    numbers, kind = as_doubles(values), np.dtype(_TYPES[accessor["componentType"]])
+    if not accessor.get("normalized") or kind.kind == "f":
+        return numbers
+    # Draco gives integers as floats; it divides them by itself where its own attribute is marked as normalized
+    is_divided = values.dtype.kind == "f" and (np.abs(numbers) <= _LEAST_OF_BYTES).all()
+    return np.maximum(numbers if is_divided else numbers / np.iinfo(kind).max, -1.0)
 
 
 def _of_data_uri(uri: str) -> bytes:

@@ -1,5 +1,6 @@
 """Files of meshes, of any of the formats read here, and files of points without faces."""
 
+import logging
 import os
 import re
 from collections.abc import Callable
@@ -7,19 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words
+from zbuf_occlude.arrays import LARGEST, FloatArray, as_flag
+from zbuf_occlude.errors import ArgumentError, MeshError, in_words, printable, shown
 from zbuf_occlude.geometry.colors import SurfaceColors
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh, check_frame, stood
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.looks import Look
 from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
 from zbuf_occlude.meshes.obj import read_obj, read_obj_look
 from zbuf_occlude.meshes.off import read_off
-from zbuf_occlude.meshes.ply import read_ply, read_ply_look, read_ply_points
+from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_look, read_ply_points
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
 from zbuf_occlude.provenance import Origin
+
+_LOG = logging.getLogger(__name__)
 
 READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".off": read_off,
@@ -35,7 +38,6 @@ SUFFIXES = (*READERS, *_GLTF)
 _CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
 """Endings of the files that `load_cloud` reads, in lower case."""
 
-UP = ("z", "y")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNINGS = {
     ".glb": re.compile(rb"glTF"),
@@ -48,7 +50,12 @@ _BEGINNINGS = {
 
 
 def load_mesh(
-    path: str | os.PathLike[str], *, up: str | None = None, name: str | None = None, colors: bool = False
+    path: str | os.PathLike[str],
+    *,
+    up: str | None = None,
+    unit: str | None = None,
+    name: str | None = None,
+    colors: bool = False,
 ) -> Mesh:
     """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's ending.
 
@@ -59,6 +66,8 @@ def load_mesh(
     up : {"z", "y"}, optional
         Which way is up in the file. Here z is: a file with y up is turned, (x, y, z) to (x, -z, y).
         By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Unit of the file; the mesh is in metres then. By default its numbers stay, whatever they are.
     name : str, optional
         The mesh's name; by default the file's without its ending.
     colors : bool
@@ -68,10 +77,11 @@ def load_mesh(
     Returns
     -------
     Mesh
-        Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
-        polygons, before they were cut into triangles. `dropped` counts, in addition to what `Mesh.cleaned` dropped,
-        "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
-        uses; all other vertices stay, in their order, used or not).
+        Cleaned (`Mesh.cleaned`), z up, in metres where `unit` is given and else in the file's own unit.
+        `source_face_ids` are indices of the file's faces: its polygons, before they were cut into triangles. `dropped`
+        counts, in addition to what `Mesh.cleaned` dropped, "too_few_corners" (faces of one or two corners) and
+        "unusable_vertices" (NaN or infinite ones that no face uses; all other vertices stay, in their order, used or
+        not).
 
     Raises
     ------
@@ -79,7 +89,7 @@ def load_mesh(
         No such file, not readable, of an unknown ending, damaged, cut short, without faces, with faces that refer to
         vertices that are missing, NaN or infinite, or without any face of some area. The message names the file.
     OptionError
-        `up` is neither "z" nor "y".
+        `up` is neither "z" nor "y", or `unit` none of those.
     ArgumentError
         `path` is no path.
 
@@ -98,8 +108,10 @@ def load_mesh(
     if not isinstance(path, (str, os.PathLike)):
         raise ArgumentError(f"path must be a path; got {type(path).__name__}. A mesh of trimesh: Mesh.from_trimesh.")
     path = Path(path)
-    if up is not None:
-        check_word("up", up, UP)
+    check_frame(up, unit)
+    if not isinstance(name, str | None):
+        raise ArgumentError(f"name must be a word; got {shown(name)}.")
+    colors = as_flag(colors, "colors")
     suffix = path.suffix.lower()
     try:
         if suffix not in SUFFIXES:
@@ -116,14 +128,15 @@ def load_mesh(
                 polygons, look = read_gltf(data, files, colors=colors)
             else:
                 polygons = READERS[suffix](data)
+                warn_of_foreign_lines(path, data)
                 if colors and suffix in _LOOKS:
                     look = _LOOKS[suffix](data, polygons, files)
             mesh_name = path.stem if name is None else name
-            return _finished(polygons, look, mesh_name, up or default_up(path), files.origin, colors)
+            return _finished(polygons, look, mesh_name, (up or default_up(path), unit), files.origin, colors)
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        raise MeshError(f"{printable(str(path))}: {error}") from None
 
 
 def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
@@ -144,13 +157,18 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
     if suffix not in _CLOUD_SUFFIXES:
         return None
     try:
-        positions = read_ply_points(content_of(path)) if suffix == ".ply" else _table(path, suffix)
+        content = content_of(path) if suffix == ".ply" else b""
+        positions = read_ply_points(content) if suffix == ".ply" else _table(path, suffix)
         if positions is None:
             return None
-        if not len(positions) or not np.isfinite(positions).all():
-            raise MeshError("a point cloud must have points with finite coordinates; this one has not. Clean it.")
+        warn_of_foreign_lines(path, content)
+        if not len(positions) or not (np.abs(positions) <= LARGEST).all():  # NaN is not
+            raise MeshError(
+                f"a point cloud must have points, their coordinates finite and below {LARGEST:g}; this one has not. "
+                "Clean it."
+            )
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        raise MeshError(f"{printable(str(path))}: {error}") from None
     return positions
 
 
@@ -159,8 +177,10 @@ def default_up(path: Path) -> str:
     return "y" if path.suffix.lower() in _GLTF else "z"
 
 
-def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin: Origin, colors: bool) -> Mesh:
-    """Cut into triangles, turn z up, clean."""
+def _finished(
+    polygons: Polygons, look: Look | None, name: str, frame: tuple[str, str | None], origin: Origin, colors: bool
+) -> Mesh:
+    """Cut into triangles, turn z up and to metres from a `frame` of axis and unit, clean."""
     if not (polygons.counts >= 3).any():
         raise MeshError(
             f"a mesh must have faces; the file has {len(polygons.vertices):,} vertices and no face of three corners. "
@@ -173,9 +193,7 @@ def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin:
         "too_few_corners": int((polygons.counts < 3).sum()),
         "unusable_vertices": n_vertices - len(polygons.vertices),
     }
-    vertices = polygons.vertices
-    if up == "y":
-        vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
+    vertices = stood(polygons.vertices, *frame)
     ids = polygon_ids.astype(np.int32)
     found = None
     if colors:
@@ -184,6 +202,13 @@ def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin:
     mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin, found)  # by `Polygons`
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
         return mesh.cleaned()
+
+
+def warn_of_foreign_lines(path: Path, data: bytes) -> None:
+    """Warn of lines in a PLY file's header that were skipped."""
+    if path.suffix.lower() == ".ply" and (lines := foreign_lines(data)):
+        shown = printable(lines[0][:60])
+        _LOG.warning("%s: %d lines of its header are none of PLY, and are skipped: %r", path, len(lines), shown)
 
 
 def _hint(data: bytes, suffix: str) -> str:

@@ -1,4 +1,4 @@
-"""The polygon file format (PLY), ASCII and binary: polygons of any and of mixed sizes, points, colours."""
+"""The polygon file format (PLY), ASCII and binary: polygons of any and of mixed sizes, strips, points, colours."""
 
 import re
 import struct
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.errors import MeshError, did_you_mean
 from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
 from zbuf_occlude.meshes.looks import Look, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
@@ -22,6 +22,7 @@ _TYPES = {
     **{"int64": "i8", "uint64": "u8", "float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
 _COUNT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}  # of struct, by size
+_KEYWORDS = ("format", "element", "property", "comment", "obj_info", "end_header")
 _INDEX_LISTS = ("vertex_indices", "vertex_index")
 _CHANNELS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 _COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -54,25 +55,39 @@ class _Columns:
 
 
 def read_ply(data: bytes) -> Polygons:
-    """Read a PLY file's polygons, of any number of corners, in the order of the file.
+    """Read a PLY file's polygons, of any number of corners, in the order of the file; the triangles of strips after.
 
     Raises MeshError for what is not a PLY file, of unknown types, cut short, damaged, or declaring more than it holds.
-    Of the elements, `vertex` (x, y, z) and `face` (vertex_indices or vertex_index) are read, all others skipped;
-    triangle strips are not read. In an ASCII file each row must have a line of its own.
+    Of the elements, `vertex` (x, y, z), `face` and `tristrips` (vertex_indices or vertex_index, in strips -1 where the
+    next one begins) are read, all others skipped. In an ASCII file each row must have a line of its own.
     Nothing is allocated by what the header says before it was compared with the size of the file.
     """
-    columns = _read_elements(data, {"vertex", "face"})
-    if "vertex" not in columns or "face" not in columns:
+    columns = _read_elements(data)
+    if "vertex" not in columns or not {"face", "tristrips"} & columns.keys():
         raise MeshError("a PLY file must have the elements vertex and face; this one has not. Is it a point cloud?")
-    return Polygons(_positions(columns["vertex"]), columns["face"].values, columns["face"].counts)
+    corners, counts = [], []
+    if "face" in columns:
+        corners.append(columns["face"].values)
+        counts.append(columns["face"].counts)
+    if "tristrips" in columns:
+        triangles = _of_strips(columns["tristrips"])
+        corners.append(triangles.reshape(-1))
+        counts.append(np.full(len(triangles), 3))
+    return Polygons(_positions(columns["vertex"]), np.concatenate(corners), np.concatenate(counts))
+
+
+def foreign_lines(data: bytes) -> list[str]:
+    """Return the lines of a PLY file's header that are none of the format: some exporters forget to write "comment"."""
+    lines = (line.decode("latin-1") for line in data[: _header_end(data).start()].splitlines()[1:])
+    return [line for line in lines if line.split() and line.split()[0] not in _KEYWORDS]
 
 
 def read_ply_points(data: bytes) -> FloatArray | None:
     """Read the vertices (n, 3) of a PLY file that has no faces; None when it has faces or no vertices."""
     counts = {element.name: element.n_rows for element in _read_header(data)[0]}
-    if counts.get("face") or not counts.get("vertex"):
+    if counts.get("face") or counts.get("tristrips") or not counts.get("vertex"):
         return None
-    return _positions(_read_elements(data, {"vertex"})["vertex"])
+    return _positions(_read_elements(data)["vertex"])
 
 
 def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
@@ -83,11 +98,11 @@ def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
     (`in_unit_range`).
     """
     elements = {element.name: element for element in _read_header(data)[0]}
-    columns = _read_elements(data, {"vertex", "face"})
-    vertices, faces = columns["vertex"], columns["face"]
+    columns = _read_elements(data)
+    vertices = columns["vertex"]
     everything, textures = np.zeros(len(polygons.counts), np.int64), Textures()
     pair = next((names for names in _COORDINATES if all(name in vertices.scalars for name in names)), None)
-    named = _TEXTURE.search(data[: data.find(b"end_header")])
+    named = _TEXTURE.search(data[: _header_end(data).start()])
     if named is not None and pair is not None:
         name = named[1].decode("utf-8", "replace")
         texture = textures.get(name, lambda: files.read_named(name))
@@ -97,10 +112,11 @@ def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
     lacking = tuple(textures.lacking)
     if (colors := _colors(elements["vertex"], vertices)) is not None:
         return Look((WHITE,), everything, colors[polygons.corners], lacking=lacking)
-    if (colors := _colors(elements["face"], faces)) is not None:
-        return Look((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
-    if _channels(elements["face"]) is not None:
-        lacking = (*lacking, "colours of faces: they are not read beside lists of different lengths")
+    if "face" in columns and _channels(elements["face"]) is not None:
+        colors = _colors(elements["face"], columns["face"])
+        if colors is not None and len(colors) == len(polygons.counts):
+            return Look((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
+        lacking = (*lacking, "colours of faces: they are not read beside strips, or lists of different lengths")
     return Look((PLAIN,), everything, lacking=lacking)
 
 
@@ -124,17 +140,30 @@ def _colors(element: _Element, columns: _Columns) -> FloatArray | None:
     return in_unit_range(found)
 
 
-def _read_elements(data: bytes, wanted: set[str]) -> dict[str, _Columns]:
-    """Return the columns of the elements up to the last of those wanted; raises as `read_ply`."""
+def _read_elements(data: bytes) -> dict[str, _Columns]:
+    """Return the columns of the elements up to the last one that a mesh is made of; raises as `read_ply`."""
     elements, encoding, body = _read_header(data)
     source = _Ascii(body) if encoding == "ascii" else _Binary(body, "<" if "little" in encoding else ">")
-    columns: dict[str, _Columns] = {}
-    if wanted <= {element.name for element in elements}:
-        for element in elements:
-            columns[element.name] = source.read(element)
-            if wanted <= columns.keys():
-                break
-    return columns
+    n_wanted = max((i for i, each in enumerate(elements, 1) if each.name in ("vertex", "face", "tristrips")), default=0)
+    return {element.name: source.read(element) for element in elements[:n_wanted]}
+
+
+def _of_strips(strips: _Columns) -> NDArray[Any]:
+    """Return the triangles (t, 3) of strips, rows of indices in which -1 begins another strip.
+
+    Every other triangle of a strip is turned over, so that all face the same way.
+    """
+    row = np.repeat(np.arange(len(strips.counts)), strips.counts)
+    is_end = strips.values == -1
+    strip = np.cumsum(is_end) + row  # grows where either changes
+    places = np.flatnonzero(~is_end)
+    ids, strip = strips.values[places], strip[places]
+    within = np.arange(len(ids)) - np.searchsorted(strip, strip)
+    last = np.flatnonzero(within >= 2)
+    triangles = np.stack([ids[last - 2], ids[last - 1], ids[last]], axis=1)
+    is_turned = within[last] % 2 == 1
+    triangles[is_turned] = triangles[is_turned][:, [1, 0, 2]]
+    return triangles
 
 
 def _positions(vertices: _Columns) -> FloatArray:
@@ -144,8 +173,8 @@ def _positions(vertices: _Columns) -> FloatArray:
     return np.stack([as_doubles(vertices.scalars[axis]) for axis in "xyz"], axis=1)
 
 
-def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
-    """Return elements, encoding (one of the three names), and the bytes after the header; raises as `read_ply`."""
+def _header_end(data: bytes) -> re.Match[bytes]:
+    """Return the match of the header's last line; raises as `read_ply`."""
     newline = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if newline is None:
         raise MeshError("a PLY file must begin with the line 'ply'; this one does not. Is it of another format?")
@@ -153,6 +182,12 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
     end = next(filter(None, (re.search(rb"[\r\n]end_header[ \t]*(%s)" % each, data) for each in ends)), None)
     if end is None:
         raise MeshError("the header of a PLY file must end with end_header; this one does not. Is it cut short?")
+    return end
+
+
+def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
+    """Return elements, encoding (one of the three names), and the bytes after the header; raises as `read_ply`."""
+    end = _header_end(data)
     encoding = ""
     elements: list[_Element] = []
     for line in data[: end.start()].splitlines()[1:]:
@@ -173,14 +208,20 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                     elements[-1].properties.append(_Property(name, np.dtype(_TYPES[value_type])))
                 case [] | ["comment", *_] | ["obj_info", *_]:
                     pass
-                case _:
-                    raise KeyError(words[0])
+                case [word, *_] if b"\0" in line or _is_like_a_keyword(word):
+                    raise KeyError(word)  # no line that somebody wrote, or a mistyped one, which all that follows needs
         except (KeyError, IndexError):
             shown = line[:60].decode("latin-1")
             raise MeshError(f"the header of a PLY file must be readable; it has the line {shown!r}.") from None
+    if twice := [each.name for i, each in enumerate(elements) if each.name in {other.name for other in elements[:i]}]:
+        raise MeshError(f"a PLY file must have each element once; it has {twice[0][:60]!r} twice. Is it damaged?")
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise MeshError(f"a PLY file must be ascii or binary; its format is {encoding!r}. Is it damaged?")
     return elements, encoding, data[end.end() :]
+
+
+def _is_like_a_keyword(word: str) -> bool:
+    return bool(did_you_mean(word, _KEYWORDS)) or word.lower().startswith(tuple(each[:4] for each in _KEYWORDS))
 
 
 def _too_short(element: _Element, n_held: int, what: str) -> MeshError:

@@ -249,7 +249,8 @@ def row_of(folder: Path) -> DatasetRow:
     """
     plan, manifest = read_finished(folder)
     own, _ = sorted_out(folder, plan)
-    files = [folder / name for name in own if name not in (CONTACT_SHEET, GALLERY) and not name.startswith(GROUPS)]
+    beside = (CONTACT_SHEET, GALLERY)
+    files = [folder / name for name in own if not (name in beside or name.startswith(GROUPS) or name.endswith("/"))]
     megabytes = sum(path.stat().st_size for path in files) / 1e6
     n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
     return DatasetRow(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.documents import Number, line, parse_document, read_limited
-from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, check_word, printable
+from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.meshes.load import UP, load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import LEAST, MOST, SIZES, Sizes, plain, size_beside
 from zbuf_occlude.shapes import ROAD_USERS, make, road_user
@@ -102,7 +102,7 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     for name in given:
         check_word("a key of an object", name, KNOWN)
     found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
-    check_word("up", found.get("up", UP[0]), UP)
+    check_frame(found.get("up"), None)
     found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
     if builtin:
         return found
@@ -110,6 +110,19 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     if not os.path.isfile(mesh):
         raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
     return {**found, "mesh": mesh}
+
+
+def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[str, Any]]:
+    """Return a scene's objects with the SHA-256 of what each mesh is made of, with its `colors` or without.
+
+    MeshError where a mesh cannot be used.
+    """
+    return [
+        {**each, "sha256": load_mesh(each["mesh"], up=each.get("up"), colors=colors).origin.sha256}
+        if "mesh" in each
+        else each
+        for each in objects
+    ]
 
 
 def placed_of(
@@ -121,12 +134,20 @@ def placed_of(
     ------
     MeshError
         A file cannot be used.
+    DatasetError
+        A mesh is not what its checksum says (`with_checksums`).
     """
     placed = []
     for given in objects:
         label = str(given.get("class", Path(given.get("mesh", "")).stem))
         if "mesh" in given:
-            mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
+            loaded = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent))
+            if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
+                raise DatasetError(
+                    f"{given['mesh']} must be what the scene was made with, sha256 {given['sha256'][:12]}...; it is "
+                    f"{loaded.origin.sha256[:12]}... Put it back, or make all clouds again with --overwrite."
+                )
+            mesh = loaded.transparent(transparent or {})
         else:
             mesh = road_user(label)
         size = given.get("size", mesh.longest_side)

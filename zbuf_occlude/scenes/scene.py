@@ -7,9 +7,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, as_numbers, as_vectors, frozen
-from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_flag,
+    as_indices,
+    as_number,
+    as_numbers,
+    as_vector,
+    frozen,
+)
+from zbuf_occlude.errors import ArgumentError, shown
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 
 ALBEDOS = (0.05, 0.8)
 """Drawn for each object, for paint and clothes are not in a mesh: from dark to light paint at the 905 nm of LiDARs,
@@ -48,15 +58,18 @@ class Placed:
     is_background: bool = False
 
     def __post_init__(self) -> None:
+        _check_label(self.label)
+        if not isinstance(self.mesh, Mesh):
+            raise ArgumentError(f"mesh of {self.label} must be a Mesh; got {type(self.mesh).__name__}. Load it first.")
+        as_flag(self.is_background, f"is_background of {self.label}")
         pose = as_numbers(self.pose, f"pose of {self.label}", (4, 4))
         if not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
             raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
         albedo = self.albedo
-        if albedo is not None and not (isinstance(albedo, int | float | np.number) and 0.0 <= albedo <= 1.0):
-            raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {albedo!r:.40}.")
-        velocity = as_vectors([np.asarray(self.velocity)], f"velocity of {self.label}")[0]
-        if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
-            raise ArgumentError(f"turn of {self.label} must be degrees a second; got {self.turn!r:.40}.")
+        if albedo is not None:
+            as_number(albedo, f"albedo of {self.label}", "a number in [0, 1]", lambda share: 0.0 <= share <= 1.0)
+        velocity = as_vector(self.velocity, f"velocity of {self.label}")
+        as_number(self.turn, f"turn of {self.label}", "a number, degrees a second")
         vars(self).update(pose=frozen(pose), velocity=frozen(velocity))
 
     @property
@@ -131,8 +144,16 @@ class Scene:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
 
     @classmethod
-    def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
-        """Return a mesh alone, as it stands, in metres."""
+    def of(cls, mesh: MeshLike, label: str = "object") -> "Scene":
+        """Return a mesh alone, or anything that is one (`as_mesh`), as it stands, in metres.
+
+        Raises
+        ------
+        ArgumentError, MeshError
+            As `as_mesh`; a label that is no word.
+        """
+        mesh = as_mesh(mesh)
+        _check_label(label)
         return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), (), _passing([mesh]))
 
     @classmethod
@@ -178,6 +199,11 @@ class Scene:
     def is_plain(self) -> bool:
         """Whether nothing moves or lets light pass."""
         return not self.moving and self.passing is None
+
+
+def _check_label(label: str) -> None:
+    if not isinstance(label, str):
+        raise ArgumentError(f"a label must be a word; got {shown(label)}.")
 
 
 def _passing(meshes: Sequence[Mesh]) -> FloatArray:

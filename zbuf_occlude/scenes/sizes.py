@@ -1,8 +1,10 @@
 """How long things are: the longest side of an object of each class, metres, and where that is from."""
 
 from collections.abc import Mapping
+from numbers import Real
+from typing import Any
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, shown
 
 SIZES: dict[str, float] = {
     # ModelNet40 and the built-in shapes
@@ -15,7 +17,8 @@ SIZES: dict[str, float] = {
     # what ShapeNetCore calls otherwise, or has besides
     "aeroplane": 18.0, "ashcan": 0.6, "bag": 0.45, "basket": 0.4, "bicycle": 1.8, "birdhouse": 0.3, "bookcase": 1.9,
     "boat": 8.0, "bus": 12.0, "cabinet": 1.2, "camera": 0.15, "can": 0.12, "cap": 0.28, "cellular_telephone": 0.15,
-    "clock": 0.35, "cell_phone": 0.15, "computer_keyboard": 0.45, "couch": 2.1, "dishwasher": 0.85, "display": 0.55,
+    "clock": 0.35, "cell_phone": 0.15, "computer_keyboard": 0.45, "couch": 2.1, "cyclist": 1.8,
+    "dishwasher": 0.85, "display": 0.55,
     "earphone": 0.2, "faucet": 0.3, "file_cabinet": 1.2, "helmet": 0.3, "jar": 0.25, "knife": 0.3,
     "loudspeaker": 0.5, "mailbox": 1.2, "microphone": 0.25, "microwave": 0.5, "motorbike": 2.1, "motorcycle": 2.1,
     "mug": 0.12, "pedestrian": 1.75, "piano_grand": 1.6, "pillow": 0.5, "pistol": 0.2, "printer": 0.5, "remote": 0.18,
@@ -39,29 +42,36 @@ Sizes = Mapping[str, float] | str
 """Sizes of some classes, which go before `SIZES`; or `FILE`."""
 
 
-def parse_sizes(text: str) -> Sizes:
-    """Read what a person types: ``file``, ``car=4.5,chair=0.9``, or one number for all classes, ``4.5``.
+def sizes_of(value: Any) -> Sizes:
+    """Read sizes: as a person types them, ``file``, ``car=4.5,chair=0.9`` or ``4.5`` for all classes; or as Python has
+    them, metres by class or one number.
 
     Raises
     ------
     OptionError
-        Not of that form, or a size that is not positive.
+        None of these, a class twice, or a size out of range.
     """
-    if text == FILE:
+    if isinstance(value, str) and value == FILE:
         return FILE
+    pairs: list[tuple[Any, Any]]
+    if isinstance(value, str):
+        parts = [part.rpartition("=") for part in value.split(",")]
+        pairs = [(label.strip() if equals else ALL, number) for label, equals, number in parts]
+    else:
+        pairs = list(value.items()) if isinstance(value, Mapping) else [(ALL, value)]
     sizes: dict[str, float] = {}
-    for part in text.split(","):
-        label, equals, number = part.rpartition("=")
+    for label, number in pairs:
         try:
-            size = float(number)
-        except ValueError:
+            is_number = isinstance(value, str) or (isinstance(number, Real) and not isinstance(number, bool))
+            size = float(number) if is_number else -1.0
+        except (ValueError, OverflowError):
             size = -1.0
-        if not LEAST <= size <= MOST or bool(equals) != bool(label.strip()):
+        if not LEAST <= size <= MOST or not isinstance(label, str) or not label or label in sizes:
             raise OptionError(
-                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,...; "
-                f"got {part!r} in {text!r}."
+                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,..., each class once; "
+                f"got {shown(value)}."
             )
-        sizes[label.strip() or ALL] = size
+        sizes[label] = size
     return sizes
 
 
@@ -101,7 +111,8 @@ def _found(label: str, *places: tuple[Mapping[str, float], str]) -> float:
         if name in table:
             return table[name]
     raise OptionError(
-        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or --size file."
+        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or the "
+        "files' --unit, or --size file where they are in metres."
     )
 
 

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence, Set
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.errors import ArgumentError, printable, shown
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, frames, pixel_rays, png
 from zbuf_occlude.views import Views
+from zbuf_occlude.views.model import check_views
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -28,6 +29,8 @@ NO_BOX = [-1, -1, -1, -1]
 PER_BLOCK = 512
 ROUNDING = 1e-9
 """Of a model's diagonal."""
+LONGEST_NAME = 60
+"""Characters of the name of a split; a file system takes 255 bytes."""
 RIGID = 1e-6
 """Of a rotation's entries: that of single precision counts."""
 
@@ -108,19 +111,22 @@ def write_bop(
     ['models/obj_000001.ply', 'camera.json', 'train/000000/rgb/000000.png']
     """
     scenes = list(scenes) if isinstance(scenes, Sequence) else [scenes]
-    placed = [views] * len(scenes) if isinstance(views, Views) else list(views)
+    placed = list(views) if isinstance(views, Sequence) and not isinstance(views, str) else [views] * len(scenes)
     background = [background] if isinstance(background, str) else background
-    for name, values, kind in (("scenes", scenes, Scene), ("views", placed, Views)):
-        if strange := [each for each in values if not isinstance(each, kind)]:
-            made = "Scene.of(mesh)" if kind is Scene else "views.for_mesh(scene.mesh, 'ring:8@30')"
-            raise ArgumentError(f"{name} must be {kind.__name__}; got {type(strange[0]).__name__}. Make one: {made}.")
-    if (
-        not (isinstance(split, str) and split)
-        or Path(split).name != split
-        or "\0" in split
-        or split in ("..", "models")
+    if not isinstance(background, Sequence | Set) or not all(isinstance(each, str) for each in background):
+        raise ArgumentError(f"background must be labels of objects; got {shown(background)}.")
+    if strange := [each for each in scenes if not isinstance(each, Scene)]:
+        raise ArgumentError(f"scenes must be Scene; got {type(strange[0]).__name__}. Make one: Scene.of(mesh).")
+    for each in placed:
+        check_views("views", each)
+    if not (
+        isinstance(split, str)
+        and split
+        and Path(split).name == printable(split) == split
+        and split not in ("..", "models")
+        and len(split) <= LONGEST_NAME
     ):
-        raise ArgumentError(f"split must be the name of a folder other than models; got {split!r}.")
+        raise ArgumentError(f"split must be the name of a folder other than models; got {shown(split)}.")
     if not scenes or len(placed) != len(scenes):
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
     if not all(map(len, placed)):

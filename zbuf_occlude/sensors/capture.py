@@ -112,9 +112,12 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     elif setup.kind.sensor_height is not None:
         elevation = np.maximum(elevation, np.arcsin(np.clip((floor + LOWEST) / lengths, -1.0, 1.0)))
     if (lengths <= size / 2).any():
+        is_of_file = isinstance(setup.size, str)
+        cure = ", or give the --unit of the files: without it they are taken to be in metres" if is_of_file else ""
         option = "--distance" if setup.range is None else "--range"
         raise MeshError(
-            f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise {option}."
+            f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. "
+            f"Raise {option}{cure}."
         )
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.documents import Number, line, parse_document, read_limited
-from zbuf_occlude.errors import OccludeError, OptionError, check_word, printable
+from zbuf_occlude.errors import ArgumentError, OccludeError, OptionError, check_word, printable
 from zbuf_occlude.sensors.sensor import KINDS, Imperfections, Sensor, numbers_of
 
 SUFFIXES = (".yaml", ".yml", ".csv")
@@ -39,19 +39,21 @@ class SensorRow(NamedTuple):
         return Sensor(self.name, self.kind, pattern, faults, self.summary, sources)
 
 
-def make(name: str | Path, **numbers: Any) -> Sensor:
+def make(name: str | Path | Sensor, /, **numbers: Any) -> Sensor:
     """Return a sensor.
 
     Parameters
     ----------
-    name : str or Path
+    name : str, Path or Sensor
         A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
-        ``pinhole:width=320,height=240,fov=60``.
+        ``pinhole:width=320,height=240,fov=60``. A sensor is returned as it is, but for the numbers.
     **numbers
         To be changed, such as ``columns=900`` or ``noise=0`` (which switches all imperfections off).
 
     Raises
     ------
+    ArgumentError
+        No name, path or sensor.
     OptionError
         No such sensor, no such number, or a value out of range.
 
@@ -60,8 +62,10 @@ def make(name: str | Path, **numbers: Any) -> Sensor:
     >>> zo.sensors.make("hdl-64e", columns=900).name
     'hdl-64e'
     """
-    if not isinstance(name, (str, Path)):
-        raise OptionError(f"sensor must be a name or a path; got {type(name).__name__}.")
+    if not isinstance(name, str | Path | Sensor):
+        raise ArgumentError(f"sensor must be a Sensor, a name or a file; got {type(name).__name__}.")
+    if isinstance(name, Sensor):
+        return name.with_numbers(**numbers) if numbers else name
     name = str(name)
     if Path(name).suffix.lower() in SUFFIXES:
         sensor = read_sensor(Path(name)).sensor()

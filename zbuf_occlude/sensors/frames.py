@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.documents import flag
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_flag, as_number
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.camera import field_of_view
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
-from zbuf_occlude.views.model import MOST_PIXELS
+from zbuf_occlude.views.model import MOST_PIXELS, check_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -188,9 +188,9 @@ def frames(
     Raises
     ------
     ArgumentError
-        A size or field of view out of range; views that are none; an occluder of another mesh.
+        A size or field of view out of range; views that are none; an occluder of another mesh; `colors` is no bool.
     OptionError, UnavailableError, GlError
-        As `prepare`; a method that casts no rays; `colors` is no bool.
+        As `prepare`; a method that casts no rays.
 
     Warns
     -----
@@ -204,12 +204,9 @@ def frames(
     >>> found[0].depth.dtype, len(found)
     (dtype('float32'), 8)
     """
-    if not isinstance(views, Views):
-        raise ArgumentError(
-            f"views must be Views; got {type(views).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
-        )
+    check_views("views", views)
     sizes = _sizes(views, width, height)
-    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=flag("colors", colors)))
+    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=as_flag(colors, "colors")))
     find_method(method).check_first_hits()
     if occluder is not None:
         occluder.check_is_of(scene.mesh)
@@ -343,10 +340,8 @@ def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) 
     width, height = sizes[0].tolist()
     if fov is None:
         tangent = _tangent_around(scene.mesh, views) * width / min(width, height)
-    elif isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0:
-        tangent = np.tan(np.radians(fov) / 2.0)
     else:
-        raise ArgumentError(f"fov must lie between 0 and 180 degrees; got {fov!r}.")
+        tangent = np.tan(field_of_view(fov) / 2.0)
     across, along = float(tangent), float(tangent) * height / width
     windows = np.tile([-across, across, -along, along], (len(views), 1))
     return replace(views, windows=windows).intrinsics(width, height)
@@ -433,8 +428,8 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     ['000.png', '000_depth.png', '000_mask.png']
     """
     folder = Path(folder)
-    if unit is not None and not (isinstance(unit, int | float | np.number) and 0.0 < unit < np.inf):
-        raise ArgumentError(f"unit must be a length above 0; got {unit!r:.40}.")
+    if unit is not None:
+        as_number(unit, "unit", "a length above 0", lambda length: length > 0.0)
     if folder.is_dir() and (older := sorted(path.name for path in folder.iterdir() if _WRITTEN.fullmatch(path.name))):
         raise ArgumentError(
             f"a folder of frames must be new; {folder} has {older[0]} of {len(older)} files of older frames. Remove "

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed, shape_and_dtype
-from zbuf_occlude.documents import flag, read_limited
+from zbuf_occlude.arrays import FloatArray, as_flag, as_number, as_numbers, as_vector, sealed, shape_and_dtype
+from zbuf_occlude.documents import read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors.sensor import Rays
@@ -38,8 +38,7 @@ class Motion:
     Raises
     ------
     ArgumentError
-        Wrong shapes, numbers that are not finite, times that do not ascend, quaternions of length 0, or both given.
-    OptionError
+        Wrong shapes, numbers that are not finite, times that do not ascend, quaternions of length 0, or both given;
         `deskew` is no bool.
     """
 
@@ -49,10 +48,9 @@ class Motion:
     deskew: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", sealed(as_vectors([np.asarray(self.velocity)], "velocity")[0]))
-        if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
-            raise ArgumentError(f"turn must be degrees a second; got {self.turn!r:.40}.")
-        object.__setattr__(self, "deskew", flag("deskew", self.deskew))
+        object.__setattr__(self, "velocity", sealed(as_vector(self.velocity, "velocity")))
+        as_number(self.turn, "turn", "a number, degrees a second")
+        object.__setattr__(self, "deskew", as_flag(self.deskew, "deskew"))
         if self.trajectory is None:
             return
         if np.any(self.velocity) or self.turn:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_number, as_numbers, as_vector, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.geometry.camera import as_rigid
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
@@ -177,6 +177,8 @@ def scan(
     azimuth: float | None = None,
     elevation: float | None = None,
     size: float | None = None,
+    up: str | None = None,
+    unit: str | None = None,
     transparent: Mapping[str, float | None] | None = None,
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
@@ -204,6 +206,11 @@ def scan(
         With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
+    up : {"z", "y"}, optional
+        Which way is up in the mesh. Here z is: one with y up is turned, (x, y, z) to (x, -z, y). By default "y" for
+        glTF files, and "z" for all else.
+    unit : {"mm", "cm", "m", "in"}, optional
+        Instead of `size`: the unit that the mesh is in.
     transparent : mapping of str to float or None, optional
         Of a mesh: materials that let light pass by name, which may have ``*``, and its share; None: the share that the
         file says (alpha of glTF, d of MTL). Without it a mesh that has colours is as its file says, any other opaque.
@@ -255,23 +262,23 @@ def scan(
     for part, given in (("occluder", occluder), ("target", target)):
         if given is not None and not isinstance(given, Occluder):
             raise ArgumentError(f"{part} must be an Occluder, made by prepare; got {type(given).__name__}.")
-    if isinstance(sensor, str | Path):
-        sensor = make(sensor)
-    if not isinstance(sensor, Sensor):
-        raise ArgumentError(
-            f"sensor must be a Sensor, a name or a file; got {type(sensor).__name__}. Make one: sensors.make(name)."
-        )
+    sensor = make(sensor)
+    if not isinstance(transparent, Mapping | None):
+        raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(transparent).__name__}.")
     if not isinstance(scene, Scene):
-        mesh = as_mesh(scene, colors=transparent is not None)
+        if size is not None and unit is not None:
+            raise ArgumentError(f"give size or unit, not both; got {size} and {unit!r}. A size needs no unit.")
+        mesh = as_mesh(scene, up=up, unit=unit, colors=transparent is not None)
         scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
         if transparent and scene.passing is None:
             raise ArgumentError(no_windows("transparent", mesh))
-    elif size is not None or transparent is not None:
-        raise ArgumentError("size and transparent are for a mesh; a scene has its own. Leave them out.")
+    elif any(each is not None for each in (size, up, unit, transparent)):
+        raise ArgumentError("size, up, unit and transparent are for a mesh; a scene has its own. Leave them out.")
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
-        pose = _pose_at(scene.mesh, range, azimuth or 0.0, elevation or 0.0)
+        angles = (0.0 if angle is None else angle for angle in (azimuth, elevation))
+        pose = _pose_at(scene.mesh, range, *angles, is_assumed=size is None and unit is None)
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     matrix = np.eye(4) if pose is None else as_rigid(pose, "pose")
@@ -311,12 +318,12 @@ def faultless(
             warnings.warn(f"{said}.", stacklevel=3)
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
-        corners = as_vectors(towards, "towards")
+        corners = as_vectors(as_numbers(towards, "towards", (2, 3)), "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
         alone = (cast_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    name = method or default_caster()
+    name = default_caster() if method is None else method
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_plain or isinstance(opened, SceneInParts)):
@@ -341,20 +348,26 @@ def _of_size(mesh: Mesh, size: float | None) -> Mesh:
     """Return the mesh scaled about its centre, its longest side `size`; as it is for None."""
     if size is None:
         return mesh
-    if not (isinstance(size, int | float | np.number) and 0.0 < size < np.inf and mesh.longest_side > 0.0):
-        raise ArgumentError(f"size must be metres above 0, of a mesh with an extent; got {size!r}.")
-    factor = float(size) / mesh.longest_side
+    metres = as_number(size, "size", "metres above 0", lambda number: number > 0.0)
+    if not mesh.longest_side > 0.0:
+        raise ArgumentError(f"a mesh that is given a size must have an extent; all vertices of {mesh.name} coincide.")
+    factor = metres / mesh.longest_side
     return mesh.transformed(factor, mesh.centre * (1.0 - factor))
 
 
-def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float) -> FloatArray:
-    """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees."""
-    if not (isinstance(distance, int | float | np.number) and 0.0 < distance < np.inf):
-        raise ArgumentError(f"range must be metres above 0; got {distance!r}.")
+def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float, *, is_assumed: bool) -> FloatArray:
+    """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees.
+
+    `is_assumed`: nobody said that the mesh is in metres.
+    """
+    distance = as_number(distance, "range", "metres above 0", lambda number: number > 0.0)
     view = from_angles(azimuth, elevation, distance).around(mesh.centre, 1.0)
     if mesh.in_box(view.eyes).any():
+        how, cure = (", its numbers taken as metres", ", or give unit=") if is_assumed else ("", "")
         warnings.warn(
-            f"the sensor stands inside the mesh's bounding box. Raise range; it is {distance:g}.", stacklevel=3
+            f"the sensor stands inside the mesh's bounding box: range is {distance:g} m, the mesh's longest side "
+            f"{mesh.longest_side:g} m{how}. Raise range{cure}.",
+            stacklevel=3,
         )
     return look_at(view.eyes[0], mesh.centre)
 
@@ -374,13 +387,13 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None)
     >>> zo.sensors.look_at([10, 0, 2], [0, 0, 2])[:3, 0].tolist()
     [-1.0, 0.0, 0.0]
     """
-    at, towards = as_vectors([np.asarray(position)], "position")[0], as_vectors([np.asarray(target)], "target")[0]
+    at, towards = as_vector(position, "position"), as_vector(target, "target")
     forward = towards - at
     if not forward.any():
         raise ArgumentError(f"a sensor must not be at its target; both are {at.tolist()}. Move one.")
     forward = forward / np.linalg.norm(forward)
     usual = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
-    left = np.cross(usual if up is None else as_vectors([np.asarray(up)], "up")[0], forward)
+    left = np.cross(usual if up is None else as_vector(up, "up"), forward)
     if not np.linalg.norm(left) > 0.0:
         raise ArgumentError("up must not point along the view. Give another one.")
     left /= np.linalg.norm(left)

@@ -532,7 +532,7 @@ class Sensor:
             return np.asarray((least <= 0.0) & (most >= 0.0))
         return np.ones(len(places), dtype=bool)
 
-    def with_numbers(self, **numbers: Any) -> "Sensor":
+    def with_numbers(self, /, **numbers: Any) -> "Sensor":
         """Return the sensor with some numbers changed, of the rays or the imperfections.
 
         Raises

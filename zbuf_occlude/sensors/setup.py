@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import ArgumentError, OptionError, check_word, find_row
+from zbuf_occlude.arrays import as_flag
+from zbuf_occlude.errors import ArgumentError, OptionError, check_word, find_row, shown
 from zbuf_occlude.scenes.kinds import KINDS, Kind
-from zbuf_occlude.scenes.sizes import Sizes
+from zbuf_occlude.scenes.sizes import Sizes, sizes_of
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import find_method
 
 SURFACE = "surface"
 """The word for no sensor: points sampled uniformly over the visible surface."""
@@ -33,16 +35,16 @@ class Setup:
     ----------
     sensor : mapping
         As `Sensor.document`.
-    range : (float, float) or None
+    range : (float, float), float, or None
         Metres from the sensor to the middle of the target, drawn from between; on the ground where there is one. None:
         as far as the views say, in multiples of the target's size.
-    size : mapping of class to metres, or "file"
-        Longest sides (`zbuf_occlude.scenes.sizes`).
+    size : mapping of class to metres, metres, or "file"
+        Longest sides (`zbuf_occlude.scenes.sizes.sizes_of`).
     scene : str
         A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
         Of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`); it has a ground.
-    hidden : (float, float) or None
+    hidden : (float, float), float, or None
         Share of the target that others hide, drawn from between; None: the scene's own.
     keep : str
         "target", "all", or "box" with how it is disturbed, ``box:shift=.5,rotate,scale``.
@@ -65,7 +67,7 @@ class Setup:
 
     sensor: Mapping[str, Any]
     range: Sequence[float] | None = None
-    size: Sizes = ""
+    size: Sizes = field(default_factory=dict)
     scene: str = "none"
     objects: Sequence[Mapping[str, Any]] = ()
     hidden: Sequence[float] | None = None
@@ -77,10 +79,15 @@ class Setup:
     motion: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", self.size or {})
+        object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
         for name, span in (("range", self.range), ("hidden", self.hidden)):
-            if not (span is None or _is_span(span)):
-                raise OptionError(f"{name} must be two numbers, from and to; got {span!r}.")
+            if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # of a plan as they are
+                object.__setattr__(self, name, span_of(f"--{name}", span))
+        for name, word in (("scene", self.scene), ("keep", self.keep), ("method", self.method)):
+            if not isinstance(word, str):
+                raise OptionError(f"{name} must be a word; got {shown(word)}.")
+        as_flag(self.keep_clean, "keep_clean")
+        find_method(self.method)
         if self.range is not None and not 0.0 < self.range[0] <= self.range[1] < np.inf:
             raise OptionError(f"--range must be metres above 0, A or A..B with A <= B; got {_shown(self.range)}.")
         if self.hidden is not None:
@@ -90,11 +97,11 @@ class Setup:
                 names = ", ".join(kind.name for kind in KINDS if kind.share is not None)
                 raise OptionError(f"--hidden needs a scene that can hide: {names}; got --scene {self.scene}.")
         if self.sensor_height is not None and not (
-            self.kind.sensor_height is not None and 0.0 < self.sensor_height < np.inf
+            self.kind.sensor_height is not None and _is_number(self.sensor_height) and 0.0 < self.sensor_height < np.inf
         ):
             raise OptionError(
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
-                f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
+                f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {shown(self.sensor_height)}."
             )
         if self.sensor_height is not None and self.made_sensor.is_camera:
             raise OptionError(
@@ -106,8 +113,10 @@ class Setup:
                 f"transparent must be a mapping of names to shares; got {type(self.transparent).__name__}."
             )
         for name, share in self.transparent.items():
-            if share is not None and not (isinstance(share, Real) and 0.0 <= share <= 1.0):
-                raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
+            if not isinstance(name, str) or not (share is None or (_is_number(share) and 0.0 <= share <= 1.0)):
+                raise OptionError(
+                    f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {shown(name)}={shown(share)}."
+                )
         if self.made_motion is not None and len(self.made_sensor.imperfections.second_eyes):
             raise OptionError(
                 f"a sensor that moves must have one eye; {self.made_sensor.name} has more. Or --set-sensor baseline=0."
@@ -192,23 +201,34 @@ class Setup:
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
 
 
-def parse_span(name: str, text: str) -> tuple[float, float]:
-    """Read ``A`` or ``A..B``.
+def span_of(name: str, value: Any) -> tuple[float, float]:
+    """Read ``A`` or ``A..B`` as a person types it, or a number or two as Python has them.
 
     Raises
     ------
     OptionError
-        Neither; the message has `name`.
+        None of these; the message has `name`.
     """
-    first, dots, last = text.partition("..")
     try:
-        return float(first), float(last if dots else first)
-    except ValueError:
-        raise OptionError(f"{name} must be a number, or two as A..B; got {text!r}.") from None
+        if isinstance(value, str):
+            first, dots, last = value.partition("..")
+            return float(first), float(last if dots else first)
+        if _is_number(value) or _is_span(value):
+            first, last = (value, value) if _is_number(value) else value
+            return float(first), float(last)
+    except (ValueError, OverflowError):
+        pass
+    raise OptionError(f"{name} must be a number, or two as A..B; got {shown(value)}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _is_span(span: Any) -> bool:
-    return np.shape(span) == (2,) and all(isinstance(end, Real) for end in span)
+    if isinstance(span, np.ndarray):
+        span = span.tolist()
+    return isinstance(span, Sequence) and len(span) == 2 and all(map(_is_number, span))
 
 
 def _shown(span: Sequence[float]) -> str:

@@ -4,6 +4,7 @@
     shapes.make("chair", 7)             one member of a family, a Mesh
     shapes.collection()                 all 600 as a MeshCollection, nothing built yet
     shapes.road_user("truck", (8, 2.5, 3))    people, cyclists, trucks, buses as large as a box
+    shapes.traffic.collection()         cars, vans, trucks, buses, cyclists, pedestrians, of drawn sizes
     shapes.solids.icosphere(4)          solids whose visible part is known in closed form
     shapes.formulas.make("torus")       the paper's Fig. 9 kind of objects, from formulas
     shapes.benchmark_mesh(45_000)       a mesh of a chosen number of faces
@@ -11,7 +12,7 @@
 Everything is computed from numbers alone: the same arguments give the same bytes.
 """
 
-from zbuf_occlude.shapes import formulas, solids
+from zbuf_occlude.shapes import formulas, solids, traffic
 from zbuf_occlude.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
 from zbuf_occlude.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
 from zbuf_occlude.shapes.road_users import ROAD_USERS, road_user
@@ -30,5 +31,6 @@ __all__ = [
     "solids",
     "soup",
     "split_of",
+    "traffic",
     "with_vertices",
 ]

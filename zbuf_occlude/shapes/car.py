@@ -63,7 +63,8 @@ def _suv(draw: Draw) -> MeshPart:
     return _closed(draw, f, *extras)
 
 
-def _van(draw: Draw) -> MeshPart:
+def van(draw: Draw) -> MeshPart:
+    """Return a van or minibus."""
     f = form_of(draw, "van")
     return _closed(draw, f, _rack(draw, f)) if draw.chance(0.35) else _closed(draw, f)
 
@@ -128,5 +129,8 @@ def _open(draw: Draw) -> MeshPart:
 
 
 STYLES = (
-    _sedan, _hatch, _suv, _pickup, _sports, _van, _open, _wagon, jeep, _muscle, _sedan, vintage, _hatch, bubble, racer,
+    _sedan, _hatch, _suv, _pickup, _sports, van, _open, _wagon, jeep, _muscle, _sedan, vintage, _hatch, bubble, racer,
 )  # fmt: skip
+
+EVERYDAY = (_hatch, _hatch, _sedan, _wagon, _suv)
+"""What most cars on a road are; `_hatch` twice."""

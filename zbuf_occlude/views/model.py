@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, Sealed, as_indices, frozen
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, IntArray, Sealed, as_array, as_indices, frozen
+from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
 MOST_PIXELS = 1 << 26
@@ -68,10 +69,10 @@ class Views(Sealed):
     def __post_init__(self) -> None:
         given = {"azimuth": self.azimuth, "elevation": self.elevation, "distance": self.distance, "target": self.target}
         try:
-            *angles, target = (np.asarray(values, dtype=np.float64) for values in given.values())
-            angles.append(np.asarray(self.roll, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise ArgumentError(f"{', '.join(given)} must be numbers; {error}.") from None
+            *angles, target, roll = (_as_floats(values) for values in (*given.values(), self.roll))
+            angles.append(roll)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ArgumentError(f"{', '.join(given)} must be numbers; {printable(str(error))[:80]}.") from None
         try:
             azimuth, elevation, distance, roll = np.broadcast_arrays(*map(np.atleast_1d, angles))
         except ValueError:
@@ -84,7 +85,7 @@ class Views(Sealed):
         fields = {"azimuth": azimuth, "elevation": elevation, "distance": distance, "target": target, "roll": roll}
         for name, shape in (("rotations", (3, 3)), ("windows", (4,))):
             if (values := getattr(self, name)) is not None:
-                fields[name] = np.asarray(values, dtype=np.float64)
+                fields[name] = as_array(values, name, str((len(azimuth), *shape))).astype(np.float64)
                 if fields[name].shape != (len(azimuth), *shape):
                     raise ArgumentError(f"{name} must be {(len(azimuth), *shape)}; got {fields[name].shape}.")
         if self.sizes is not None:
@@ -92,8 +93,9 @@ class Views(Sealed):
             if self.windows is None or len(fields["sizes"]) != len(azimuth):
                 raise ArgumentError(f"sizes must go with windows, one of each per view ({len(azimuth)}).")
         for name, values in fields.items():
-            if not np.isfinite(values).all():
-                raise ArgumentError(f"{name} must be finite; got {values[~np.isfinite(values)][0]}.")
+            if not (np.abs(values) <= LARGEST).all():  # NaN is not
+                worst = values[~(np.abs(values) <= LARGEST)][0]
+                raise ArgumentError(f"{name} must be finite and below {LARGEST:g}; got {worst}.")
         if (turns := fields.get("rotations")) is not None and len(turns):
             off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
             if (wrong := (off > NOT_A_ROTATION) | (np.linalg.det(turns) < 0.0)).any():
@@ -242,3 +244,19 @@ class Views(Sealed):
         windows = rows[:, 13:17] if rows.shape[1] > 13 else None
         sizes = rows[:, 17:].astype(np.int32) if rows.shape[1] > 17 else None
         return cls(azimuth, elevation, distance, roll=roll, rotations=rotations, windows=windows, sizes=sizes)
+
+
+def check_views(name: str, value: Any) -> None:
+    """Raise ArgumentError unless a value is Views."""
+    if not isinstance(value, Views):
+        raise ArgumentError(
+            f"{name} must be Views; got {type(value).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
+        )
+
+
+def _as_floats(values: ArrayLike) -> FloatArray:
+    """Return numbers as float64; raise TypeError for others, such as bools, texts and complex ones."""
+    array = np.asarray(values)
+    if array.size and array.dtype.kind not in "fiu":
+        raise TypeError(f"got {array.dtype}")
+    return array.astype(np.float64)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, OptionError, check_int, did_you_mean
+from zbuf_occlude.arrays import FloatArray, as_number
+from zbuf_occlude.errors import OptionError, check_int, did_you_mean, shown
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.views import cameras
@@ -48,18 +48,14 @@ def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTAN
     >>> zo.views.from_angles(azimuth=90, elevation=0, distance=2).eyes.round(6).tolist()
     [[0.0, 2.0, 0.0]]
     """
-    try:
-        angles = np.array([azimuth, elevation, roll], dtype=np.float64)
-    except (TypeError, ValueError):
-        angles = np.full(0, np.nan)
-    if angles.shape != (3,):
-        raise ArgumentError(
-            f"azimuth, elevation and roll must be numbers; got {azimuth!r:.40}, {elevation!r:.40} and {roll!r:.40}."
-        )
-    if not np.abs(angles[1]) <= 90.0:
-        raise ArgumentError(f"elevation must lie in [-90, 90], degrees; got {elevation}.")
-    radians = np.radians(angles)
-    return Views(radians[:1], radians[1:2], np.asarray(distance), roll=radians[2:])
+    radians = np.radians(
+        [
+            as_number(azimuth, "azimuth", "a number, degrees"),
+            as_number(elevation, "elevation", "a number in [-90, 90], degrees", lambda number: abs(number) <= 90.0),
+            as_number(roll, "roll", "a number, degrees"),
+        ]
+    )
+    return Views(radians[:1], radians[1:2], np.array([_away(distance)]), roll=radians[2:])
 
 
 def paper100(distance: float = PAPER_DISTANCE) -> Views:
@@ -133,7 +129,7 @@ def fibonacci(n_views: int, distance: float = PAPER_DISTANCE) -> Views:
     index = np.arange(_positive(n_views, "n_views"))
     elevation = np.arcsin(1.0 - (2.0 * index + 1.0) / n_views)
     azimuth = (index * np.pi * (3.0 - np.sqrt(5.0))) % (2 * np.pi)
-    return Views(azimuth, elevation, np.asarray(distance))
+    return Views(azimuth, elevation, np.asarray(_away(distance)))
 
 
 def random(
@@ -153,7 +149,7 @@ def random(
     rng = generator(seed)
     low, high = np.sin(_band(elevation))
     elevations = np.arcsin(np.clip(rng.uniform(low, high, _positive(n_views, "n_views")), -1, 1))
-    return Views(rng.uniform(0, 2 * np.pi, n_views), elevations, np.asarray(distance))
+    return Views(rng.uniform(0, 2 * np.pi, n_views), elevations, np.asarray(_away(distance)))
 
 
 def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -> Views:
@@ -171,13 +167,18 @@ def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -
     rng = generator(seed)
     elevation = np.arcsin(rng.uniform(-1, 1, _positive(n_views, "n_views")))
     azimuth, roll = rng.uniform(0, 2 * np.pi, (2, n_views))
-    return Views(azimuth, elevation, np.asarray(distance), roll=roll)
+    return Views(azimuth, elevation, np.asarray(_away(distance)), roll=roll)
 
 
 def _product(elevations: FloatArray, n_azimuths: int, distance: float) -> Views:
     azimuths = np.arange(_positive(n_azimuths, "n_azimuths")) * (2 * np.pi / n_azimuths)
     _positive(len(elevations) * n_azimuths, "the number of views")
-    return Views(np.tile(azimuths, len(elevations)), np.repeat(elevations, n_azimuths), np.asarray(distance))
+    away = np.asarray(_away(distance))
+    return Views(np.tile(azimuths, len(elevations)), np.repeat(elevations, n_azimuths), away)
+
+
+def _away(distance: float) -> float:
+    return as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
 
 
 def _positive(count: int, name: str) -> int:
@@ -299,9 +300,12 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     Views(12 views about (0, 0, 0))
     """
     row, found = _find(spec)
+    generator(seed)  # for its error, of specifications that draw nothing too
+    distance = _away(distance)
     views = row.make(found, distance, seed)
     if farthest is None or views.rotations is not None:
         return views
+    farthest = _away(farthest)
     if not farthest > distance:
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
@@ -362,11 +366,13 @@ def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
     for row in SPECIFICATIONS if isinstance(spec, str) else ():
         if match := re.fullmatch(row.pattern, spec):
             return row, match.groups()
-    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.{_wrong_part(str(spec))}")
+    raise OptionError(f"views must be {forms()}; got {shown(spec)}.{_wrong_part(spec)}")
 
 
 def _wrong_part(spec: str) -> str:
     """Return a sentence that says what of a specification is not understood."""
+    if not isinstance(spec, str):
+        return ""
     word, _, rest = spec.partition(":")
     if re.search(r"[/.\\]|^$", word):
         return ""
@@ -384,9 +390,9 @@ def _typed(low: str | None = None, high: str | None = None) -> tuple[float, floa
 def _band(elevation: tuple[float, float]) -> tuple[float, float]:
     """Return two elevations, degrees, as radians."""
     try:
-        low, high = map(float, elevation)
+        low, high = (as_number(each, "elevation", "a number") for each in elevation)
     except (TypeError, ValueError):
-        raise OptionError(f"elevation must be numbers of degrees; got {elevation!r:.60}.") from None
+        raise OptionError(f"elevation must be numbers of degrees; got {shown(elevation)}.") from None
     if not -90.0 <= low <= high <= 90.0:
         raise OptionError(f"elevations must run upwards within -90..90 degrees; got {low:g}..{high:g}.")
     return np.radians(low), np.radians(high)

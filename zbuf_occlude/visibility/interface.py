@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
-from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_array, as_triples, as_vectors, of_usual_length
+from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.far_faces import FarFaces, far_faces
 from zbuf_occlude.geometry.mesh import Mesh
@@ -121,8 +121,9 @@ class Occluder(ABC):
         if isinstance(eyes, Views):
             mask = self.visible(points, eyes.eyes)
             return mask if eyes.windows is None else mask & eyes.shows(points.positions)
-        if np.shape(eyes) == (3,):
-            return self.visible(points, np.asarray(eyes)[None])[0]
+        eyes = as_array(eyes, "eyes", "(k, 3) float")
+        if eyes.shape == (3,):
+            return self.visible(points, eyes[None])[0]
         eyes = as_vectors(eyes, "eyes")
         reach = FARTHEST * (self.mesh.diagonal or np.inf)  # of a mesh that is but a point everything is as far
         for name, positions in (("points", points.positions), ("eyes", eyes)):
@@ -308,7 +309,7 @@ class Method:
                 )
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
-                raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {value!r}.")
+                raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {shown(value)}.")
 
 
 @cache
@@ -319,13 +320,13 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
 
 def as_eyes(eyes: ArrayLike) -> FloatArray:
     """Return eyes as (k, 3), of one (3,) too; raise ArgumentError for what are none."""
-    return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    return as_vectors(np.atleast_2d(as_array(eyes, "eyes", "(k, 3) float")), "eyes")
 
 
 def check_count(name: str, value: Any, least: int, most: int, unit: str) -> None:
     """Raise OptionError unless a value is an int from `least` to `most`."""
-    if not isinstance(value, (int, np.integer)) or not least <= value <= most:
-        raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {value!r}.")
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not least <= value <= most:
+        raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {shown(value)}.")
 
 
 def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:

@@ -17,6 +17,7 @@ from multiprocessing import connection, forkserver, resource_tracker
 from typing import Any
 
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.interrupts import held
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
 from zbuf_occlude.workers.pool import Ending, Message, do_jobs, work
@@ -87,7 +88,8 @@ class LocalWorker:
             start_server()  # it may have been killed
             self.process: Any = context.Process(target=_run_worker, args=arguments, daemon=True)
             try:
-                self.process.start()
+                with held():  # the process would read half of what it is to be
+                    self.process.start()
                 break
             except (EOFError, ConnectionError):
                 if attempt == SERVERS - 1:

@@ -1,11 +1,23 @@
 """What Python's fork server loads before it forks workers: all that they need, compiled functions too."""
 
 import gc
+import pickle
 import signal
+import sys
+from typing import Any
 
 from zbuf_occlude.jit.compiler import without_scipy
 
 __all__ = ["local"]
+
+
+def say(kind: type[BaseException], *more: Any) -> None:
+    """Say how a process failed to start, unless who started it was killed before all was sent."""
+    if not issubclass(kind, (EOFError, pickle.UnpicklingError)):
+        sys.__excepthook__(kind, *more)
+
+
+sys.excepthook = say
 
 # an interrupt of the whole process group is the coordinator's: so no temporary folder stays
 heard = {one: signal.signal(one, signal.SIG_IGN) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}

@@ -212,6 +212,9 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"n_points": 0}, "n_points must be a positive int; got 0"),
         ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
         ({"distance": "far"}, "distance must be a positive number; got 'far'"),
+        ({"cache_megabytes": True}, "cache_megabytes must be a number from 0; got True"),
+        ({"attributes": "normals"}, "attributes must be a sequence of words; got 'normals'"),
+        ({"method_options": "n=1"}, "method_options must be a mapping; got 'n=1'"),
         ({"elevation": (0.5, 91)}, "elevations must run upwards within -90..90"),
         ({"device": "cpu", "method": "exact"}, "on a device must have method 'warp'; got 'exact'"),
         ({"device": "cpu", "attributes": ("colors",)}, "on a device must have no colors"),
@@ -222,7 +225,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
     ],
 )
 def test_errors(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+    with pytest.raises((OptionError, ArgumentError), match=message):
         OnTheFlyOcclusion(**options)
 
 

@@ -38,14 +38,26 @@ def test_in_a_street_in_metres() -> None:
     assert (np.abs(cloud) <= half + 1e-4).all()  # on the car's box, and nothing else
 
 
+def test_it_takes_what_a_command_takes() -> None:
+    named = OnTheFlyScan(10, sensor="vlp-16", numbers={"noise": 0}, range="5..6", size="2")
+    given = OnTheFlyScan(10, sensor=zo.sensors.make("vlp-16", noise=0), range=(5.0, 6.0), size=2.0)
+    assert named.setup.document == given.setup.document
+    assert OnTheFlyScan(10, range=5).setup.range == (5.0, 5.0)
+
+
 def test_what_it_refuses() -> None:
     with pytest.raises(zo.OptionError, match="n_points must be a positive int; got 0"):
         OnTheFlyScan(0)
     with pytest.raises(zo.ArgumentError, match="surroundings must be a MeshCollection; got list"):
         OnTheFlyScan(10, scene="street", surroundings=[CAR])  # type: ignore[arg-type]
-    for span in (5, "5..6", (5,), (5, "6")):
-        with pytest.raises(zo.OptionError, match="range must be two numbers"):
+    for span in ("far", (5,), (5, "6"), True):
+        with pytest.raises(zo.OptionError, match="range must be a number, or two"):
             OnTheFlyScan(10, range=span)
+    for size in ("banana", {"car": "big"}, -1, True, (1, 2)):
+        with pytest.raises(zo.OptionError, match="size must be 'file', metres"):
+            OnTheFlyScan(10, size=size)
+    with pytest.raises(zo.ArgumentError, match="numbers must be a mapping"):
+        OnTheFlyScan(10, numbers="noise=0")  # type: ignore[arg-type]
     with pytest.raises(zo.OptionError, match="every class must have a size in metres; 'gizmo' has none"):
         OnTheFlyScan(10)(CAR, "gizmo")
     with pytest.raises(zo.ArgumentError, match="a mesh must have vertices and faces; got int"):

@@ -6,6 +6,7 @@ For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view
 in the layout's order.
 """
 
+import math
 import os
 import re
 import shutil
@@ -16,8 +17,10 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.batch import check_origins
 from zbuf_occlude.dataset.counts import Blank
 from zbuf_occlude.dataset.folder import (
     CONTACT_SHEET,
@@ -26,10 +29,17 @@ from zbuf_occlude.dataset.folder import (
     STORED,
     WORK,
     checksums,
+    damaged,
+    holds,
+    locked,
     occupy,
     read_finished,
     read_manifest,
+    recorded,
+    remove_files,
     remove_work,
+    sizes,
+    unfinish,
     write_names,
 )
 from zbuf_occlude.dataset.formats import PACKED, find_format
@@ -40,6 +50,7 @@ from zbuf_occlude.dataset.source import Source, open_dataset
 from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.meshes.collection import SPLITS
 from zbuf_occlude.meshes.load import SUFFIXES
+from zbuf_occlude.provenance import Origin
 
 UNSEEN = "not all its views see it"
 
@@ -83,11 +94,15 @@ def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dic
             f"at least one object must be seen by all its views, for {plan.format} keeps whole objects; none is. "
             "Choose other --views, or --points."
         )
+    if find_format(plan.format).from_meshes:
+        origins = {key: Origin.from_document(document) for key, document in about["origins"].items()}
+        check_origins(plan.meshes, origins, out)
     write_names(plan, folder)
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    sha256 = checksums(folder, names)
-    atomic.write_json(out / WORK / EXPORT_NAMES, {"names": names})
+    sha256, before = checksums(folder, names), set(recorded(out))
+    atomic.write_json(out / WORK / EXPORT_NAMES, {"names": sorted(before.union(names))})
     os.sync()  # one for all files
+    remove_files(out, before.difference(names))
     for name in names:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(folder / name, out / name)
@@ -122,6 +137,7 @@ def _finish(
         "options": plan.document["recipe"],
         "files": files,
         "sha256": sha256,
+        "bytes": sizes(out, sha256),
     }
     atomic.write_json(out / MANIFEST, document)
     remove_work(out, plan)
@@ -199,20 +215,30 @@ def convert(
     order, rounded to the packed step. Clouds of classes that a format's published list lacks are left out.
     """
     old, manifest = read_finished(folder)
-    row, plan = find_format(format), _converted(old, format)
-    origin = {"format": old.format, "fingerprint": old.fingerprint}
-    occupy(plan, out)
-    if (finished := read_manifest(out)) is not None and finished.get("converted_from") != origin:
-        raise DatasetError(
-            f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
-            "otherwise. Choose another folder."
-        )
+    plan = _converted(old, format)
+    about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
     source = open_dataset(folder, plan.recipe if old.format == PACKED else None)  # the draw follows the new format
-    source = replace(source, plan=plan)
+    holds(plan, out)
+    with locked(out):
+        occupy(plan, out)
+        return _convert(plan, replace(source, plan=plan), out, about, progress)
+
+
+def _convert(
+    plan: Plan, source: Source, out: Path, about: dict[str, Any], progress: Callable[[int], None]
+) -> dict[str, Any]:
+    row, finished = find_format(plan.format), read_manifest(out)
     if finished is not None:
-        progress(sum(source.n_clouds.values()))
-        return finished
-    about = {**manifest, "converted_from": origin}
+        if finished.get("converted_from") != about["converted_from"]:
+            raise DatasetError(
+                f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
+                "otherwise. Choose another folder."
+            )
+        if not (lost := damaged(out, finished)):
+            progress(sum(source.n_clouds.values()))
+            return finished
+        unfinish(out)
+        remove_files(out, lost)
     if row.exported_from:
         document = _export(plan, source, out, about)
         progress(sum(source.n_clouds.values()))
@@ -348,22 +374,47 @@ def incomplete(source: Source) -> dict[int, str]:
     return dict.fromkeys(mesh_ids[n_seeing < source.plan.clouds_per_mesh].tolist(), UNSEEN)
 
 
+class Rows:
+    """A ``.npy`` file whose rows are written in any order.
+
+    On a full disk it raises an OSError, where a memory map would end the process.
+    """
+
+    def __init__(self, path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
+        self._path, self._kind = path, kind
+        self._row_bytes = kind.itemsize * math.prod(shape[1:])
+        header = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": shape}
+        with open(path, "wb") as file:
+            np.lib.format.write_array_header_1_0(file, header)
+            self._begin = file.tell()
+            file.truncate(self._begin + shape[0] * self._row_bytes)
+
+    def write(self, rows: slice | Numbers, values: NDArray[Any]) -> None:
+        """Write some rows, (m, ...); of a slice they follow each other."""
+        content = np.ascontiguousarray(values, self._kind)
+        parts = [(rows.start, content)] if isinstance(rows, slice) else zip(rows.tolist(), content, strict=True)
+        with open(self._path, "r+b") as file:
+            for row, part in parts:
+                file.seek(self._begin + row * self._row_bytes)
+                file.write(part.tobytes())
+
+
 class Rest:
     """The file ``clouds_SPLIT.npy``: what records hold besides their points, row by row."""
 
     def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
         self.name = f"clouds_{split}.npy"
         whole = record_type(plan.recipe)
-        kind = np.dtype([(name, whole[name]) for name in whole.names or () if name != "data"])
-        self._rows: Records | None = None
-        if n_rows and not kind.hasobject:
-            self._rows = np.lib.format.open_memmap(folder / self.name, "w+", kind, (n_rows,))
+        self._kind = np.dtype([(name, whole[name]) for name in whole.names or () if name != "data"])
+        self._rows = Rows(folder / self.name, self._kind, (n_rows,)) if n_rows and not self._kind.hasobject else None
 
     def write(self, rows: slice | Numbers, records: Records) -> None:
         """Write the rows of some records."""
         if self._rows is not None:
-            for name in self._rows.dtype.names or ():
-                self._rows[name][rows] = records[name]
+            found = np.empty(len(records), self._kind)
+            for name in self._kind.names or ():
+                found[name] = records[name]
+            self._rows.write(rows, found)
 
     def batches(self, source: Source, split: str) -> Iterator[tuple[slice, Records]]:
         """Yield the rows and records of a split; each is written here."""

@@ -3,12 +3,12 @@
 from collections import Counter
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported, Layout, Rest, incomplete, names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, Layout, Rest, Rows, incomplete, names_of, whole_objects
+from zbuf_occlude.dataset.formats.hdf5 import new_h5
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
@@ -25,7 +25,7 @@ def export_scanobjectnn(source: Source, out: Path) -> Exported:
     for split, n_clouds in source.n_clouds.items():
         name = f"{'training' if split == 'train' else split}_objectdataset_augmentedrot_scale75.h5"
         rest = Rest(out, split, source.plan, n_clouds)
-        with h5py.File(out / name, "w") as h5:
+        with new_h5(out / name) as h5:
             data = h5.create_dataset("data", (n_clouds, size, 3), "<f4", track_times=False)
             label = h5.create_dataset("label", (n_clouds,), "<i8", track_times=False)
             mask = h5.create_dataset("mask", (n_clouds, size), "<i8", track_times=False)  # zeros take no room
@@ -61,7 +61,7 @@ def export_modelnet40_c(source: Source, out: Path) -> Exported:
         rest, n_views = Rest(out, split, plan, numbers.size), len(plan.views)
         names = [f"{folder}data_{corruption}_{view + 1}.npy" for view in range(n_views)]
         shape = (len(numbers), plan.recipe.equal_size, 3)
-        arrays = [np.lib.format.open_memmap(out / name, "w+", np.dtype("<f4"), shape) for name in names]
+        arrays = [Rows(out / name, np.dtype("<f4"), shape) for name in names]
         labels = np.zeros((len(numbers), 1), np.int64)
         place = np.full(max(map(np.max, source.order.values())) + 1, -1)
         place[numbers.reshape(-1)] = np.arange(numbers.size)
@@ -74,8 +74,8 @@ def export_modelnet40_c(source: Source, out: Path) -> Exported:
             labels[places // n_views] = whole["label"]
             for view in range(n_views):
                 mine = places % n_views == view
-                arrays[view][places[mine] // n_views] = whole["data"][mine]
-        np.save(out / f"{folder}label.npy", labels)
+                arrays[view].write(places[mine] // n_views, whole["data"][mine])
+        Rows(out / f"{folder}label.npy", labels.dtype, labels.shape).write(slice(0, len(labels)), labels)
         files[split], n_clouds[split] = [*names, f"{folder}label.npy", rest.name], numbers.size
     return Exported(files, n_clouds, left_out=incomplete(source))
 

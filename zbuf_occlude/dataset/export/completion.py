@@ -18,6 +18,7 @@ from zbuf_occlude.dataset.export import (
     names_of,
     whole_objects,
 )
+from zbuf_occlude.dataset.formats.hdf5 import new_h5
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.point_files import write_pcd
 from zbuf_occlude.dataset.source import Source
@@ -154,7 +155,7 @@ def export_mvp(source: Source, out: Path) -> Exported:
     files, n_clouds, size = dict[str, list[str]](), dict[str, int](), MVP_SIZE
     for split, numbers in whole_objects(source).items():
         name, rest = f"MVP_{split.capitalize()}_CP.h5", Rest(out, split, source.plan, numbers.size)
-        with h5py.File(out / name, "w") as h5:
+        with new_h5(out / name) as h5:
             partials = h5.create_dataset("incomplete_pcds", (numbers.size, size, 3), "<f4", track_times=False)
             complete = h5.create_dataset("complete_pcds", (len(numbers), size, 3), "<f4", track_times=False)
             labels = h5.create_dataset("labels", (numbers.size,), "<i8", track_times=False)
@@ -222,11 +223,11 @@ def _write_synsets(folder: Path, plan: Plan, names: Names) -> None:
 
 
 def _write_npy(path: Path, record: Any) -> None:
-    np.save(path, record["data"].astype(np.float32))
+    atomic.write(path, lambda file: np.save(file, record["data"].astype(np.float32)), synced=False)
 
 
 def _write_h5(path: Path, record: Any) -> None:
-    with h5py.File(path, "w") as h5:
+    with new_h5(path) as h5:
         h5.create_dataset("data", data=record["data"].astype(np.float32), track_times=False)
 
 
@@ -236,7 +237,7 @@ _WRITERS = {".pcd": write_pcd, ".npy": _write_npy, ".h5": _write_h5}
 
 def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
     """Write an HDF5 file whose arrays are another's, and whose arrays of novel classes are empty."""
-    with h5py.File(path, "w") as h5:
+    with new_h5(path) as h5:
         for name in arrays:
             h5[name] = h5py.ExternalLink(to, name)
             shape, kind = ((0,), "<i8") if name == "labels" else ((0, MVP_SIZE, 3), "<f4")

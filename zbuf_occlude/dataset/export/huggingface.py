@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import OFFSETS, Records, laid_out, point_fields, record_type
@@ -57,8 +58,10 @@ def _write_shard(path: Path, records: Records, plan: Plan) -> None:
             column = arrow.ListArray.from_arrays(arrow.array(offsets, arrow.int32()), column)
         columns["points" if name == "data" else name] = column
     table = arrow.table(columns)
-    with open(path, "wb") as file:  # Arrow takes no names that are no text
-        arrow.parquet.write_table(table, file, row_group_size=_ROWS_PER_GROUP)
+    # to an open file: Arrow takes no names that are no text
+    atomic.write(
+        path, lambda file: arrow.parquet.write_table(table, file, row_group_size=_ROWS_PER_GROUP), synced=False
+    )
 
 
 def _column(arrow: Any, values: NDArray[Any]) -> Any:

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.dataset.export import Exported, check_one_frame
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.formats.hdf5 import new_h5
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import draw_visible, fit
 from zbuf_occlude.dataset.source import KeptSampling, Source
@@ -67,7 +67,7 @@ def export(source: Source, out: Path) -> Exported:
     ids = source.ids()
     for split, numbers in source.order.items():
         name, n_pairs[split] = f"MVP_{split.capitalize()}_RG.h5", 0
-        with h5py.File(out / name, "w") as h5:
+        with new_h5(out / name) as h5:
             arrays = {
                 field: h5.create_dataset(
                     field, (0, *shape), kind, maxshape=(None, *shape), chunks=(64, *shape), track_times=False

@@ -104,7 +104,7 @@ def _single(numbers: FloatArray) -> NDArray[np.float32]:
 
 def _write(path: Path, tsdf: NDArray[Any], **arrays: NDArray[Any]) -> None:
     found: dict[str, Any] = {"tsdf": tsdf.astype(np.float32), "voxels": tsdf < 0, **arrays}
-    np.savez_compressed(path, **found)
+    atomic.write(path, lambda file: np.savez_compressed(file, **found), synced=False)
 
 
 def check(plan: Plan) -> None:

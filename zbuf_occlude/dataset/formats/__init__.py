@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset.plan import BOXES, CLASSES_OF, Plan, Recipe
 from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import parse_span
+from zbuf_occlude.sensors.setup import span_of
 
 PACKED = "packed"
 
@@ -124,7 +124,7 @@ class Format:
         if drawn.get("sample_size") == "all":
             drawn["sample_size"] = None
         if "overlap" in drawn:
-            drawn["overlap"] = recipe.overlap or parse_span("overlap", drawn["overlap"])
+            drawn["overlap"] = recipe.overlap or span_of("overlap", drawn["overlap"])
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 

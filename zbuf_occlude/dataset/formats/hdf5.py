@@ -3,8 +3,10 @@
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, TypeVar
 
 import h5py
 import numpy as np
@@ -28,6 +30,7 @@ UNITS = {
     "visible_fraction": "of the points sampled on the object",
 }
 
+T = TypeVar("T")
 AT_ONCE = 2**20
 """Bytes of a field that are copied and written at a time: they fit in a cache."""
 
@@ -46,8 +49,8 @@ def finish(out: Path, plan: Plan, names: dict[str, list[str]]) -> None:
 def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     """Write one file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
 
-    def fill(file: Any) -> None:
-        with h5py.File(file, "w", track_order=True) as h5:
+    def fill(file: IO[bytes]) -> None:
+        with _h5_in(file, track_order=True) as h5:
             h5.attrs["frame"] = plan.recipe.frame
             h5.attrs["scale"] = plan.recipe.scale
             h5.attrs["fingerprint"] = plan.fingerprint
@@ -60,6 +63,74 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
                     dataset.attrs["meaning"] = UNITS[name]
 
     atomic.write(path, fill)
+
+
+@contextmanager
+def new_h5(path: Path) -> Iterator[Any]:
+    """Open a new HDF5 file to be written; what cannot be written is an OSError at the end."""
+    with open(path, "w+b") as file, _h5_in(file) as h5:
+        yield h5
+
+
+@contextmanager
+def _h5_in(file: IO[bytes], **options: Any) -> Iterator[Any]:
+    """Open an HDF5 file inside an open one."""
+    disk = _Disk(file)
+    try:
+        with h5py.File(disk, "w", **options) as h5:
+            yield h5
+    finally:
+        if disk.error is not None:
+            disk.error.filename = file.name
+            raise disk.error
+
+
+class _Disk:
+    """A file that HDF5 takes for whole: of an error HDF5 hears nothing, for on a full disk it ends the process."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.error: OSError | None = None
+
+    def _do(self, act: Callable[[], T]) -> T | None:
+        if self.error is None:
+            try:
+                return act()
+            except OSError as error:
+                self.error = error
+        return None
+
+    def write(self, content: Any) -> int:
+        """Write all of some bytes, or none after an error."""
+        self._do(lambda: self._file.write(content))
+        return len(content)
+
+    def read(self, size: int) -> bytes:
+        """Read bytes back, zeros behind the end."""
+        return (self._do(lambda: self._file.read(size)) or b"").ljust(size, b"\0")
+
+    def readinto(self, buffer: Any) -> int:
+        """Read bytes back into a buffer."""
+        view = memoryview(buffer).cast("B")
+        view[:] = self.read(len(view))
+        return len(view)
+
+    def tell(self) -> int:
+        """Say the place."""
+        return self._do(self._file.tell) or 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Go to a place."""
+        return self._do(lambda: self._file.seek(offset, whence)) or offset
+
+    def truncate(self, size: int) -> int:
+        """Give the file a size."""
+        self._do(lambda: self._file.truncate(size))
+        return size
+
+    def flush(self) -> None:
+        """Have all bytes reach the system."""
+        self._do(self._file.flush)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

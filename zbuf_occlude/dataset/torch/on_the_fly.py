@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,19 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_number
 from zbuf_occlude.dataset.pipeline import IN_ONE_PLACE, count_distinct
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import colors_of, draw, fit
 from zbuf_occlude.dataset.torch.tensors import TensorMesh, is_dense, is_followed, place_of
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_fraction, check_int, check_word
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_fraction, check_int, check_word, shown
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import Pool
-from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
@@ -74,8 +75,10 @@ class OnTheFlyOcclusion:
 
     Raises
     ------
+    ArgumentError
+        A value of another type, or a number out of range.
     OptionError
-        A value out of range, a method that needs GL, or with a device another method than `warp`, or colours.
+        A word that there is not, a method that needs GL, or with a device another method than `warp`, or colours.
     UnavailableError
         A device without Warp.
 
@@ -114,15 +117,19 @@ class OnTheFlyOcclusion:
     ) -> None:
         check_int("n_points", n_points, 1)
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
-        if not isinstance(distance, (int, float, np.floating)) or not distance > 0:
-            raise OptionError(f"distance must be a positive number; got {distance!r}.")
+        distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
+        cache_megabytes = as_number(cache_megabytes, "cache_megabytes", "a number from 0", lambda number: number >= 0.0)
         random_views(1, elevation=elevation)  # for its error
         check_word("scale", scale, SCALES)
+        if not isinstance(attributes, Sequence) or isinstance(attributes, str):
+            raise ArgumentError(f"attributes must be a sequence of words; got {shown(attributes)}.")
         for name in attributes:
             check_word("attribute", name, ATTRIBUTES)
+        if not isinstance(method_options, Mapping | None):
+            raise ArgumentError(f"method_options must be a mapping; got {shown(method_options)}.")
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.device = None if device is None else _found(device)
-        method = method or ("exact" if device is None else "warp")
+        method = ("exact" if device is None else "warp") if method is None else method
         if device is not None and (method != "warp" or "colors" in attributes):
             what = "no colors" if method == "warp" else f"method 'warp'; got {method!r}"
             raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
@@ -377,7 +384,7 @@ class OnTheFlyScan:
     ----------
     n_points : int
         Points of each cloud; a scan of fewer repeats some.
-    sensor : str
+    sensor : str, Path or Sensor
         As `zbuf_occlude.sensors.make` takes it.
     numbers : mapping, optional
         Of the sensor to be changed, such as ``{"noise": 0}``.
@@ -407,7 +414,7 @@ class OnTheFlyScan:
         self,
         n_points: int = 1024,
         *,
-        sensor: str = "vlp-32c",
+        sensor: str | Path | Sensor = "vlp-32c",
         numbers: dict[str, Any] | None = None,
         surroundings: MeshCollection | None = None,
         scale: str = "cloud",
@@ -415,6 +422,8 @@ class OnTheFlyScan:
     ) -> None:
         check_int("n_points", n_points, 1)
         check_word("scale", scale, SCALES)
+        if not isinstance(numbers, Mapping | None):
+            raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
         self.n_points, self.scale = n_points, scale
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
         self.setup = Setup(make(sensor, **(numbers or {})).document, **given)
