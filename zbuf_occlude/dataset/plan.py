@@ -174,10 +174,6 @@ class Recipe:
         check_word("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
-        if self.subset == "fps" and find_spec("fpsample") is None:
-            raise UnavailableError(
-                "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
-            )
         for name in self.attributes:
             check_word("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
