@@ -8,10 +8,8 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.cli import COMMANDS
-from zbuf_occlude.visibility import find_method
 
 CAMERA = '[{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}]'
-NO_OPEN3D = pytest.mark.skipif(bool(find_method("hidden_point_removal").missing()), reason="open3d is not installed")
 IN_WORDS = ": No such file or directory"
 SHARES = ("3", "2/2", "-1/2", "a/b", "0/0", "5/2")
 REFUSED = [
@@ -60,7 +58,7 @@ REFUSED = [
     pytest.param(
         "generate a.off --method hidden_point_removal --set radius=[1]",
         "radius must be a number, like the default None; got '[1]'",
-        marks=NO_OPEN3D,
+        marks=pytest.mark.needs("open3d"),
     ),
     *(
         pytest.param(f"generate a.off --method depth_buffer --set {setting}", said, marks=pytest.mark.gl)

@@ -12,7 +12,7 @@ from tests.scenes import box, sphere, together
 from zbuf_occlude.compare.scan_comparison import BOTH, NOT_SCANNED
 from zbuf_occlude.sensors import look_at, make
 
-pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
+pytestmark = pytest.mark.needs("open3d")
 
 CAMERA = make("pinhole:width=320,height=240,fov=40,noise=0")
 STANDS = look_at([3.0, 1.0, 0.7], [0.0, 0.0, 0.0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.needs import need
 from tests.scenes import box, soup, sphere
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -65,8 +66,7 @@ def test_points_project_to_the_centres_of_their_pixels(cameras: Path) -> None:
 
 @pytest.mark.parametrize("method", ["exact", "embree"])
 def test_all_methods_deliver_the_oracles_pictures(method: str) -> None:
-    if zo.METHODS[method].missing():
-        pytest.skip(zo.METHODS[method].missing())
+    need(zo.METHODS[method].requires)
     mesh = soup(400, 0.3, seed=5)
     views = zo.views.for_mesh(mesh, "fibonacci:3", distance=1.5)
     for found, true in zip(
@@ -89,8 +89,10 @@ def test_the_gpu_delivers_the_same_but_at_edges() -> None:
         assert found.depth[both] == pytest.approx(true.depth[both], rel=1e-3)
 
 
+@pytest.mark.needs("open3d")
 def test_open3d_casts_the_same_depths(cameras: Path) -> None:
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    import open3d as o3d
+
     mesh = soup(300, 0.4)
     (frame,) = zo.frames(mesh, zo.views.from_json(cameras), **SMALL)
     scene = o3d.t.geometry.RaycastingScene()
