@@ -271,7 +271,9 @@ def test_huggingface_reads_the_folder(made: Made, tmp_path: Path, capfd: pytest.
     assert np.array_equal(np.array(row["points"], np.float32), loaded["test"].with_format("numpy")[0]["points"])
 
 
-@pytest.mark.parametrize("format", LAYOUTS)
+@pytest.mark.parametrize(
+    "format", [pytest.param(name, marks=[pytest.mark.needs("open3d")] * (name == "voxels")) for name in LAYOUTS]
+)
 def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, format: str) -> None:
     root = Path(shutil.copytree(made(format), tmp_path / "copy"))
     assert verify(root, plan(format).meshes).faults == []
