@@ -2,9 +2,12 @@
 
 import gc
 import os
+import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +53,13 @@ FIRST = (
 long one left when the others are done. A file is one process's, as are its fixtures."""
 
 
+OURS = "" if os.environ.get("PYTEST_XDIST_WORKER") else tempfile.mkdtemp(prefix="zbuf_occlude-tests-")
+"""Where libraries leave temporary files, in all processes, until the end. Of pytest's own folders it keeps three."""
+if OURS:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    os.environ["TMPDIR"] = tempfile.tempdir = OURS
+
+
 def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
     """Add the hooks of skips.py before the command line is read, which has an option of theirs."""
     pluginmanager.register(skips)
@@ -57,6 +67,8 @@ def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
+    if OURS:
+        config.add_cleanup(partial(shutil.rmtree, OURS, ignore_errors=True))
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         return  # this one only hands out tests
     once = ExitStack()

@@ -100,3 +100,13 @@ def test_the_packages_that_are_named_are_all_that_skips_ask_for() -> None:
     named = command.replace("\\\n", " ").partition("--no-install-recommends")[2].split()
     assert set(named) == {package for packages in DEBIAN.values() for package in packages.split()}
     assert len(set(named)) == len(named)
+
+
+def test_nothing_is_left_in_the_temporary_folder_but_pytests_own(suite: Callable[..., str], tmp_path: Path) -> None:
+    (tmp_path / "test_sound.py").write_text("import tempfile\ndef test(tmp_path): tempfile.mkdtemp()\n")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    # as in a shell: nothing of this suite's own
+    said = suite(TMPDIR=str(folder), PYTEST_DEBUG_TEMPROOT=str(folder), PYTEST_XDIST_WORKER="")
+    assert "PASSED test_sound.py" in outcomes(said)
+    assert [path.name.partition("-of-")[0] for path in folder.iterdir()] == ["pytest"]

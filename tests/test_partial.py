@@ -334,7 +334,7 @@ def face() -> dict[str, Any]:
     return {name: each for name, each in found.items() if not (inspect.isclass(each) and issubclass(each, Exception))}
 
 
-@pytest.mark.parametrize("name", face())
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[OPEN3D] * (name == "compare_scans")) for name in face()])
 def test_the_examples_are_true(name: str) -> None:
     (test,) = doctest.DocTestFinder(recurse=False).find(face()[name], name, globs={"zo": zo, "np": np})
     assert test.examples, f"{name} must have Examples"
