@@ -29,7 +29,6 @@ FLAGS = (
     "--disable-extensions", "--hide-scrollbars", "--mute-audio", "--force-device-scale-factor=1",
     "--remote-debugging-pipe",
 )  # fmt: skip
-MISSING = "no headless browser here: install chromium (Debian: apt-get install --no-install-recommends chromium)"
 PATIENCE = 60.0
 """Seconds after which the browser is taken for hung."""
 
@@ -150,7 +149,7 @@ class Page:
 def open_page(path: Path, folder: Path, *, size: tuple[int, int] = (1280, 900)) -> Iterator[Page]:
     """Load a page in a new browser; `folder` is for scratch. Fails when the page logged an error."""
     browser = find_browser()
-    assert browser is not None, MISSING
+    assert browser is not None, "no headless browser here"
     theirs_in, ours_out = os.pipe()
     ours_in, theirs_out = os.pipe()
 

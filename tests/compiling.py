@@ -1,16 +1,14 @@
 """Test processes that share a cache compile each function once: who comes second waits, and loads it."""
 
 import hashlib
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 
 @contextmanager
 def one_at_a_time() -> Iterator[None]:
-    """Hold a file's lock while a function with a cache is compiled; nothing where files have no such locks.
+    """Hold a lock in its cache's folder while a function is compiled; nothing where files have no such locks.
 
     numba's own lock, of the threads of a process, comes first, and functions before those that they call: so no two
     wait for each other.
@@ -30,13 +28,13 @@ def one_at_a_time() -> Iterator[None]:
     def locked(self: Any, sig: Any) -> Any:
         with global_compiler_lock:
             code = self.py_func.__code__
-            place = f"{self._cache.cache_path} {code.co_filename} {code.co_firstlineno} {self.py_func.__qualname__}"
-            name = hashlib.sha1(place.encode()).hexdigest()
+            place = f"{code.co_filename} {code.co_firstlineno} {self.py_func.__qualname__}"
+            name = f"{self._cache.cache_path}/{hashlib.sha1(place.encode()).hexdigest()}.lock"
             if isinstance(self._cache, NullCache) or name in held:
                 return compile_it(self, sig)
             held.add(name)
             try:
-                with Path(tempfile.gettempdir(), f"zbuf_occlude-compiling-{name}").open("w") as file:
+                with open(name, "w") as file:
                     fcntl.flock(file, fcntl.LOCK_EX)
                     return compile_it(self, sig)
             finally:

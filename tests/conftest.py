@@ -1,18 +1,22 @@
-"""Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
+"""Fixtures of the whole suite: the one OpenGL context of the test process; the order of the files."""
 
 import gc
 import os
+import shutil
 import sys
-from collections.abc import Callable, Generator, Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from tests import skips
 from tests.compiling import one_at_a_time
-from zbuf_occlude.errors import GlError
+from tests.needs import lacking, need
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
 from zbuf_occlude.provenance import n_cores
 
@@ -49,8 +53,22 @@ FIRST = (
 long one left when the others are done. A file is one process's, as are its fixtures."""
 
 
+OURS = "" if os.environ.get("PYTEST_XDIST_WORKER") else tempfile.mkdtemp(prefix="zbuf_occlude-tests-")
+"""Where libraries leave temporary files, in all processes, until the end. Of pytest's own folders it keeps three."""
+if OURS:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    os.environ["TMPDIR"] = tempfile.tempdir = OURS
+
+
+def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Add the hooks of skips.py before the command line is read, which has an option of theirs."""
+    pluginmanager.register(skips)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
+    if OURS:
+        config.add_cleanup(partial(shutil.rmtree, OURS, ignore_errors=True))
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         return  # this one only hands out tests
     once = ExitStack()
@@ -87,73 +105,6 @@ def pytest_xdist_auto_num_workers() -> int:
     return n_cores() + 1
 
 
-LEFT_OUT = pytest.StashKey[list[str]]()
-
-
-def pytest_deselected(items: list[pytest.Item]) -> None:
-    """Remember the long tests that are not run, for the summary."""
-    config = items[0].config
-    names = [item.nodeid for item in items if item.get_closest_marker("long")]
-    config.stash[LEFT_OUT] = config.stash.get(LEFT_OUT, []) + names
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Hand them on from a process of pytest-xdist to the one that writes the summary."""
-    if hasattr(session.config, "workeroutput"):
-        session.config.workeroutput["left out"] = session.config.stash.get(LEFT_OUT, [])
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_testnodedown(node: Any) -> None:
-    """Take them from there; each process has collected the same."""
-    node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left out", [])
-
-
-def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Say what was left out, besides what was skipped."""
-    if names := config.stash.get(LEFT_OUT, []):
-        terminalreporter.write_line(f"LEFT OUT [{len(names)}] long; .ci/run has them: python -m pytest -m long")
-        for name in names:
-            terminalreporter.write_line(f"  {name}")
-
-
-NO_SKIP = "ZBUF_OCCLUDE_NO_SKIP"
-"""With this variable set, as in continuous integration, a test that is skipped for lack of software fails."""
-FINE = (
-    "ZBUF_OCCLUDE_DATA",
-    "root may read everything",
-    "this machine may have a GPU",
-    "this machine may not make",
-    "no CUDA device here",
-)
-"""A reason that holds one of these is fine there too: data that may not be handed on, facts of the machine."""
-
-
-def _refused(report: pytest.TestReport | pytest.CollectReport) -> None:
-    if not (os.environ.get(NO_SKIP) and report.skipped and isinstance(report.longrepr, tuple)):
-        return
-    reason = str(report.longrepr[2])
-    if not any(words in reason for words in FINE):
-        report.outcome = "failed"
-        report.longrepr = f"nothing may be skipped here ({NO_SKIP} is set), but this was: {reason}"
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Turn a test's skip into a failure where skips are refused."""
-    report = yield
-    _refused(report)
-    return report
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    """Turn a whole module's skip into a failure where skips are refused."""
-    report = yield
-    _refused(report)
-    return report
-
-
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no contact sheets, only a file of that name: a fifth of the time of tests that finish many datasets."""
@@ -172,12 +123,9 @@ def gl(request: pytest.FixtureRequest) -> Iterator[GlContext]:
 
     Skips, with the reason, only when no backend was named and none works: a named one must work.
     """
-    try:
-        context = GlContext.open()
-    except GlError as error:
-        if os.environ.get(ENVIRONMENT):
-            raise
-        pytest.skip(f"no OpenGL here: {error}")
+    if not os.environ.get(ENVIRONMENT) and lacking("osmesa"):
+        need("egl")
+    context = GlContext.open()
     request.session.stash[GL] = context
     yield context
     context.close()

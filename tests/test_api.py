@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 import zbuf_occlude as zo
+from tests.needs import need
 from zbuf_occlude.visibility.interface import Method
 
 ROOT = Path(__file__).parents[1]
@@ -211,8 +212,7 @@ def test_summaries_are_one_short_line(method: Method) -> None:
 
 
 def factory(method: Method) -> Callable[..., Any]:
-    if method.missing():
-        pytest.skip(f"{method.name} {method.missing()}")
+    need(method.requires)
     return method.load()
 
 

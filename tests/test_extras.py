@@ -24,6 +24,8 @@ BROKEN = {
     "ray": ("__init__", "import needed_by_ray", "pip install needed_by_ray"),
     "matplotlib": ("__init__", f"raise ImportError({NO_LIBRARY!r})", "library libnowhere.so.3"),
 }
+LIBRARIES = pytest.mark.needs("open3d", "pyrender")
+"""Where those of the system that packages need are missing too, they are what is named."""
 METHODS = [(m.name, m.requires) for m in zo.METHODS if m.requires]
 MESH = "zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3]])"
 
@@ -60,6 +62,7 @@ def refusals(environment: dict[str, str], programs: list[str]) -> list[str]:
     return done.stdout.splitlines()
 
 
+@LIBRARIES
 def test_a_method_of_a_broken_package(broken: dict[str, str]) -> None:
     said = refusals(broken, [f"zo.prepare({MESH}, {method!r})" for method, _ in METHODS])
     for line, (_, package) in zip(said, METHODS, strict=True):
@@ -69,7 +72,11 @@ def test_a_method_of_a_broken_package(broken: dict[str, str]) -> None:
 @pytest.mark.parametrize(
     ("package", "arguments"),
     [
-        ("open3d", "visible {mesh} --azimuth 9 --elevation 9 --method hidden_point_removal --out {out}.ply"),
+        pytest.param(
+            "open3d",
+            "visible {mesh} --azimuth 9 --elevation 9 --method hidden_point_removal --out {out}.ply",
+            marks=LIBRARIES,
+        ),
         ("embreex", "generate {mesh} --method embree --limit 1 --out {out}"),
         ("torch", "train {out} --out {out}"),
         ("matplotlib", "figure fig7 {mesh} --out {out}.png"),
@@ -87,6 +94,7 @@ def test_a_command_that_needs_a_broken_package(
     assert "Traceback" not in child.stderr
 
 
+@LIBRARIES
 def test_doctor_tries_packages(broken: dict[str, str]) -> None:
     child = python("-m", "zbuf_occlude", "doctor", "--json", **broken)
     said = json.loads(child.stdout)["methods"]
@@ -107,6 +115,7 @@ EMPTY = [
 ]
 
 
+@LIBRARIES
 def test_an_empty_package(tmp_path: Path) -> None:
     for package, _ in EMPTY:
         (tmp_path / package).mkdir(exist_ok=True)
@@ -154,7 +163,7 @@ def test_what_is_said_of_a_missing_library_comes_with_the_command(said: str, cur
 
 @pytest.mark.parametrize(
     ("package", "options", "extra"),
-    [("fpsample", {"subset": "fps"}, "fps"), ("PIL", {"attributes": ["colors"]}, "report")],
+    [("PIL", {"attributes": ["colors"]}, "report")],
 )
 def test_recipes_name_the_extra_as_all_others_do(
     monkeypatch: pytest.MonkeyPatch, package: str, options: dict[str, Any], extra: str

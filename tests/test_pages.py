@@ -16,3 +16,13 @@ LOST = re.compile(r"^(?![*-] |\d+\. |[ \t]|<)[^\n]+\n(?=(?:[*-]|\d+\.) )", re.MU
 def test_an_empty_line_is_before_each_list(page: Path) -> None:
     text = CODE.sub("", page.read_text(encoding="utf-8"))
     assert not LOST.findall(text)
+
+
+def test_the_first_command_is_the_same_on_all_pages_that_begin() -> None:
+    """README's is run by .ci/run, as it stands."""
+    _, _, rest = (ROOT / "README.md").read_text(encoding="utf-8").partition("<!-- main command -->\n```bash\n")
+    command = rest.partition("\n```")[0]
+    assert command.startswith("git clone ")
+    assert "\n" not in command
+    for page in ("CONTRIBUTING.md", "docs/index.md", "docs/quickstart.md"):
+        assert command in (ROOT / page).read_text(encoding="utf-8").splitlines(), page

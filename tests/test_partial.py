@@ -37,16 +37,19 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     box((4, 2, 1)).to_trimesh().export("car.obj")
 
 
+OPEN3D = pytest.mark.needs("open3d")
+
+
 def tensor_mesh(mesh: zo.Mesh) -> Any:
     import open3d
 
     return open3d.t.geometry.TriangleMesh.from_legacy(mesh.to_open3d())
 
 
-OF_OTHERS: list[Callable[[zo.Mesh], Any]] = [
+OF_OTHERS: list[Any] = [
     zo.Mesh.to_trimesh,
-    zo.Mesh.to_open3d,
-    tensor_mesh,
+    pytest.param(zo.Mesh.to_open3d, marks=OPEN3D),
+    pytest.param(tensor_mesh, marks=OPEN3D),
     lambda mesh: SimpleNamespace(vertices=mesh.vertices.tolist(), triangles=mesh.faces.tolist()),
     lambda mesh: (mesh.vertices, mesh.faces),
     lambda mesh: [mesh.vertices.tolist(), mesh.faces.tolist()],
@@ -155,6 +158,7 @@ def test_a_sensors_cloud_are_its_returns() -> None:
     assert len(zo.occlude("car.obj", eye=eye, sensor="vlp-16", n_points=33)) == 33
 
 
+@OPEN3D
 def test_colours_come_from_what_has_them() -> None:
     mesh = box().to_trimesh()
     mesh.visual.face_colors = np.tile([[10, 20, 30, 255]], (12, 1))
@@ -204,6 +208,7 @@ def test_an_eye_inside_warns_once() -> None:
         zo.scan("car.obj", "vlp-16", range=0.5)
 
 
+@OPEN3D
 def test_files_and_objects_of_others() -> None:
     mesh = box().to_trimesh()
     mesh.visual.face_colors = np.tile([[10, 20, 30, 255]], (12, 1))
@@ -231,6 +236,7 @@ def test_files_and_objects_of_others() -> None:
         cloud.save("a.xyz")
 
 
+@OPEN3D
 def test_a_scan_from_a_range() -> None:
     found = zo.scan("car.obj", "pinhole:width=20,height=20,fov=20,noise=0", range=15, azimuth=90, elevation=0)
     assert found.eye.round(9).tolist() == [0, 15, 0]
@@ -328,7 +334,7 @@ def face() -> dict[str, Any]:
     return {name: each for name, each in found.items() if not (inspect.isclass(each) and issubclass(each, Exception))}
 
 
-@pytest.mark.parametrize("name", face())
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[OPEN3D] * (name == "compare_scans")) for name in face()])
 def test_the_examples_are_true(name: str) -> None:
     (test,) = doctest.DocTestFinder(recurse=False).find(face()[name], name, globs={"zo": zo, "np": np})
     assert test.examples, f"{name} must have Examples"

@@ -8,10 +8,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
-pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
 
 import published_loaders as script  # noqa: E402
 from published_readers import Item  # noqa: E402
+
+pytestmark = pytest.mark.needs("open3d")
 
 PCN = next(loader for loader in script.LOADERS if loader.layout == "pcn")
 

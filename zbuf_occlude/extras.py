@@ -16,7 +16,6 @@ EXTRAS = {
     "OpenEXR": "exr",
     "PIL": "report",
     "embreex": "embree",
-    "fpsample": "fps",
     "jinja2": "report",
     "matplotlib": "report",
     "open3d": "open3d",

@@ -12,7 +12,7 @@ from tests.scenes import DATA
 from zbuf_occlude.compare.scan_comparison import NOT_SEEN
 from zbuf_occlude.sensors import look_at, make
 
-pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
+pytestmark = pytest.mark.needs("open3d")
 
 BUNNY = DATA / "scans" / "bunny"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser import MISSING, find_browser, open_page
+from tests.browser import open_page
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
@@ -69,7 +69,7 @@ def test_resume_verify_show_and_convert(run: Run, street: Path, tmp_path: Path) 
         assert np.array_equal(before[name], after[name]), name
 
 
-@pytest.mark.skipif(find_browser() is None, reason=MISSING)
+@pytest.mark.needs("chromium")
 def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp_path: Path) -> None:
     run(f"show {street}")
     with open_page(street / "gallery.html", tmp_path) as page:

@@ -100,7 +100,7 @@ def test_on_the_fly_clouds_need_no_opengl() -> None:
 
 @pytest.mark.long
 def test_both_commands_of_the_readme_with_all_libraries_masked(mesh: Path, tmp_path: Path) -> None:
-    unshare = ["unshare", "--mount", "bash", "-c", MASKED, "masked"]
+    unshare = ["unshare", "--map-root-user", "--mount", "bash", "-c", MASKED, "masked"]
     if shutil.which("unshare") is None or subprocess.run([*unshare, "true"], capture_output=True).returncode:
         pytest.skip("this machine may not make mount namespaces")
     command = [*unshare, sys.executable, "-m", "zbuf_occlude"]

@@ -11,7 +11,7 @@ import pytest
 
 from tests.cli.conftest import write_off
 
-UNSHARE = ["unshare", "--pid", "--fork", "--mount-proc"]
+UNSHARE = ["unshare", "--map-root-user", "--pid", "--fork", "--mount-proc"]
 N_MACHINES = 4
 
 

@@ -25,7 +25,9 @@ def test_there_are_recipes() -> None:
     assert len(recipes()) >= 6
 
 
-@pytest.mark.parametrize("recipe", recipes())
+@pytest.mark.parametrize(
+    "recipe", [pytest.param(line, marks=[pytest.mark.needs("open3d")] * ("voxels" in line)) for line in recipes()]
+)
 def test_a_recipe_is_accepted(run: Run, tmp_path: Path, recipe: str) -> None:
     """Of the folder that it names there is one here, of two classes; of all meshes the first two are tried."""
     words = recipe.split()[2:]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser import MISSING, find_browser, open_page
+from tests.browser import open_page
 from tests.cli.conftest import Run
 
 SMALL = "--method oracle --views fibonacci:9 --points 400 --sample-size 100 --workers 1"
@@ -37,7 +37,7 @@ def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:
     assert last[:5] == ["This one (packed)", "72", "2", "Synthesized", "Point Cloud"]
 
 
-@pytest.mark.skipif(find_browser() is None, reason=MISSING)
+@pytest.mark.needs("chromium")
 def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> None:
     run(f"show {dataset}")
     with open_page(dataset / "gallery.html", tmp_path) as page:

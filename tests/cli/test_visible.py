@@ -83,10 +83,10 @@ def test_it_is_said_that_there_are_no_colours(run: Run) -> None:
     assert outcome.err == "warning: plates.off has no colours, or not for all faces; there points are grey\n"
 
 
+@pytest.mark.needs("open3d")
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
     """Of a ball's points, given without faces, those on the near side are seen; each kind that is written is read."""
-    pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
     ball = np.random.default_rng(0).normal(size=(4000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     first, second = tmp_path / f"ball{suffix}", tmp_path / f"seen{suffix}"

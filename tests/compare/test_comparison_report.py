@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.browser import MISSING, find_browser, open_page
+from tests.browser import open_page
 from tests.scenes import box, two_plates
 from zbuf_occlude import views
 from zbuf_occlude.compare import comparison_report as report
@@ -17,7 +17,6 @@ from zbuf_occlude.drawing.pages import Table, write_pages
 from zbuf_occlude.errors import DatasetError
 
 SUBJECTS = [Subject("oracle"), Subject("embree"), *(Subject("occupancy_grid", {"n": n}) for n in (4, 8))]
-needs_browser = pytest.mark.skipif(find_browser() is None, reason=MISSING)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +107,7 @@ SELECT = "const e = document.getElementById('{}'); e.value = '{}'; e.dispatchEve
 NAMES = "return [...document.getElementById('{}').options].map((option) => option.value)"
 
 
-@needs_browser
+@pytest.mark.needs("chromium")
 def test_in_a_browser_the_cloud_is_drawn_and_turns(folder: Path, tmp_path: Path) -> None:
     with open_page(folder / "report.html", tmp_path) as page:
         assert page.ask(NAMES.format("mesh")) == ["plates", "a <b>box</b>"], "the one with more errors is first"
@@ -145,7 +144,7 @@ def test_in_a_browser_the_cloud_is_drawn_and_turns(folder: Path, tmp_path: Path)
         assert min(images) > 100, "every plot is in the page"
 
 
-@needs_browser
+@pytest.mark.needs("chromium")
 @pytest.mark.parametrize("script", ["nothing.here()", "console.error('oh')", "Promise.reject(new Error('late'))"])
 def test_a_pages_error_would_be_seen(script: str, tmp_path: Path) -> None:
     path = tmp_path / "page.html"

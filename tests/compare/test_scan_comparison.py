@@ -19,7 +19,7 @@ from zbuf_occlude.compare.scan_files import read_scan_file
 from zbuf_occlude.scenes import Placed, moved
 from zbuf_occlude.sensors import look_at, make
 
-pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
+pytestmark = pytest.mark.needs("open3d")
 
 CAMERA = make("pinhole:width=320,height=240,fov=40,noise=0")
 STANDS = look_at([3.0, 1.0, 0.7], [0.0, 0.0, 0.0])

@@ -87,8 +87,10 @@ def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one["data"], two["data"])
 
 
+@pytest.mark.needs("open3d")
 def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
-    o3d = pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
+    import open3d as o3d
+
     generate(plan("pcn"), tmp_path)
     for path, n in (("complete/cube/cube_train.pcd", 16_384), ("partial/cube/cube_train/03.pcd", 200)):
         cloud = o3d.io.read_point_cloud(str(tmp_path / "train" / path))

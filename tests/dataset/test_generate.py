@@ -269,7 +269,12 @@ def test_two_runs_at_a_time_are_refused(plan: Plan, tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("row", FORMATS, ids=[row.name for row in FORMATS])
+VOXELS = pytest.mark.needs("open3d")
+
+
+@pytest.mark.parametrize(
+    "row", [pytest.param(row, marks=[VOXELS] * (row.name == "voxels")) for row in FORMATS], ids=lambda row: row.name
+)
 def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     n_points = 16_384 if row.keeps_points and row.exported_from else 8_192 if row.complete else 64
     entries = [

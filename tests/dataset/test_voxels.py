@@ -11,7 +11,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
-pytest.importorskip("open3d", reason="the package open3d is not installed", exc_type=ImportError)
+pytestmark = pytest.mark.needs("open3d")
 
 SIDES = np.array([0.4, 0.3, 1.0])
 N = 32

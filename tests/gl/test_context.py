@@ -1,13 +1,11 @@
 """GlContext: opening, choosing, naming what is missing, releasing. Each backend in a process of its own."""
 
-import os
-
 import pytest
 
+from tests.needs import need
 from tests.processes import run_program
 from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.gl.context import BACKENDS, GlContext
-from zbuf_occlude.gl.probe import Probe, probe
 
 ROUND_TRIP = """
     from zbuf_occlude.gl.context import GlContext
@@ -23,11 +21,8 @@ ROUND_TRIP = """
 
 @pytest.fixture(scope="module", params=BACKENDS)
 def working(request: pytest.FixtureRequest) -> str:
-    """A backend that works here; the one that ZBUF_OCCLUDE_GL names must."""
-    found: Probe = probe(request.param)
-    if not found.works:
-        assert os.environ.get("ZBUF_OCCLUDE_GL", "").partition(":")[0] != request.param, found.reason
-        pytest.skip(f"{request.param}: {found.reason}")
+    """A backend that works here."""
+    need(request.param)
     return str(request.param)
 
 
@@ -145,10 +140,8 @@ def test_wrong_settings(
     assert str(caught.value) == message
 
 
-@pytest.mark.gl
+@pytest.mark.needs("egl")
 def test_a_device_that_is_not_there() -> None:
-    if not probe("egl").works:
-        pytest.skip("egl does not work here")
     child = run_program("from zbuf_occlude.gl.context import GlContext; GlContext.open('egl', 4321)")
     assert (
         "GlError: an OpenGL 4.3 core context must open; it does not. Tried egl: requested device index 4321"
@@ -157,10 +150,8 @@ def test_a_device_that_is_not_there() -> None:
     assert "apt-get" not in child.stderr  # no package helps
 
 
-@pytest.mark.gl
+@pytest.mark.needs("egl")
 def test_an_explicit_device_wins_over_the_environment() -> None:
-    if not probe("egl").works:
-        pytest.skip("egl does not work here")
     assert run_program(ROUND_TRIP.format(backend="egl"), GLCONTEXT_DEVICE_INDEX="4321").returncode == 1
     child = run_program(
         "from zbuf_occlude.gl.context import GlContext; print(GlContext.open(device_index=0))",

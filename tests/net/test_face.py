@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 import zbuf_occlude as zo
+from tests.needs import lacking
 from tests.net import options
 from tests.net.digests import write_meshes
 
@@ -26,8 +27,14 @@ REPLACED = {"experiment", "figure"}
 every_command = pytest.mark.parametrize("name", OPTIONS)
 
 
+def _marks(name: str) -> list[pytest.MarkDecorator]:
+    if name in WITH_GL:
+        return [pytest.mark.gl]
+    return [pytest.mark.needs(zo.METHODS[name].requires)] if name in EXTRAS else []
+
+
 def with_gl(*names: str) -> list[Any]:
-    return [pytest.param(name, marks=[pytest.mark.gl] * (name in WITH_GL | {"pyrender"})) for name in names]
+    return [pytest.param(name, marks=_marks(name)) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +100,8 @@ def test_the_table_of_methods() -> None:
     rows = {row.name: (row.exact, row.needs_gl, row.extra) for row in zo.METHODS}
     names = EXACT | WITH_GL | EXTRAS.keys() | OTHERS
     assert rows == {name: (name in EXACT, name in WITH_GL, EXTRAS.get(name, "")) for name in names}
-    assert all(row.summary and not row.missing() for row in zo.METHODS)
+    assert all(row.summary for row in zo.METHODS)
+    assert [row.name for row in zo.METHODS if row.missing() and not lacking(row.requires)] == []
 
 
 @pytest.mark.parametrize("name", with_gl(*sorted(EXACT | WITH_GL | EXTRAS.keys() | OTHERS)))

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser import MISSING, find_browser, open_page
+from tests.browser import open_page
 from tests.paper.hand_made import TINY, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import study_report as report
 from zbuf_occlude.paper.results import AREAS, FOLDER, STUDY, Result
 
-needs_browser = pytest.mark.skipif(find_browser() is None, reason=MISSING)
 SHARES = [[0.2 + 0.004 * e, 1.0, 1.0 - 0.005 * abs(e)] for e in range(-90, 91, 10)]
 
 
@@ -85,7 +84,7 @@ def test_the_report_of_one_experiment_has_no_tables_of_the_other(tmp_path: Path)
     assert not (tmp_path / "one" / "augmentation.png").exists()
 
 
-@needs_browser
+@pytest.mark.needs("chromium")
 def test_in_a_browser_every_plot_shows_and_nothing_is_cut_off(folder: Path, tmp_path: Path) -> None:
     with open_page(folder / "study.html", tmp_path) as page:
         assert page.ask("return document.title") == report.TITLE

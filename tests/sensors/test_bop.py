@@ -168,9 +168,11 @@ def test_a_flat_object_has_a_diameter(tmp_path: Path) -> None:
     assert info["1"]["diameter"] == pytest.approx(1000 * np.sqrt(2))
 
 
+@pytest.mark.needs("open3d")
 def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
     """Open3D's rays to the models in their poses: the nearest is whose each pixel is; the same mesh is one model."""
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    import open3d as o3d
+
     sensor = zo.sensors.make("pinhole", width=WIDTH, height=HEIGHT, fov=60)
     setup = Setup(sensor.document, size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
     manifest = dataset(tmp_path, "ring:3@15", setup, {"chest": lambda: box((0.4, 0.5, 0.8)), "lamp": lambda: sphere(8)})

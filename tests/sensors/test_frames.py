@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.needs import need
 from tests.scenes import box, soup, sphere
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -65,8 +66,7 @@ def test_points_project_to_the_centres_of_their_pixels(cameras: Path) -> None:
 
 @pytest.mark.parametrize("method", ["exact", "embree"])
 def test_all_methods_deliver_the_oracles_pictures(method: str) -> None:
-    if zo.METHODS[method].missing():
-        pytest.skip(zo.METHODS[method].missing())
+    need(zo.METHODS[method].requires)
     mesh = soup(400, 0.3, seed=5)
     views = zo.views.for_mesh(mesh, "fibonacci:3", distance=1.5)
     for found, true in zip(
@@ -89,8 +89,10 @@ def test_the_gpu_delivers_the_same_but_at_edges() -> None:
         assert found.depth[both] == pytest.approx(true.depth[both], rel=1e-3)
 
 
+@pytest.mark.needs("open3d")
 def test_open3d_casts_the_same_depths(cameras: Path) -> None:
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    import open3d as o3d
+
     mesh = soup(300, 0.4)
     (frame,) = zo.frames(mesh, zo.views.from_json(cameras), **SMALL)
     scene = o3d.t.geometry.RaycastingScene()
@@ -160,7 +162,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
         ("at most 67,108,864 pixels", lambda: zo.frames(box(), views, width=10**5, height=10**5)),
         ("fov must be a number from 0.001 to 179.9, degrees", lambda: zo.frames(box(), views, fov=200.0)),
         ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
-        ("colors must be true or false", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
+        ("colors must be True or False", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
         ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]
         ("occluder must be of the mesh", lambda: zo.frames(box(), views, occluder=zo.prepare(sphere()))),
         ("occluder must be of the mesh", lambda: zo.scan(box(), "vlp-16", range=3, occluder=zo.prepare(sphere()))),

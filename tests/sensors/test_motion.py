@@ -124,7 +124,7 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
         ({"velocity": [1.0, 2.0]}, "velocity"),
         ({"turn": float("nan")}, "turn"),
         ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 0]]}, "row 1 .*quaternion"),
-        ({"turn": 1.0, "deskew": "no"}, "deskew must be true or false"),
+        ({"turn": 1.0, "deskew": "no"}, "deskew must be True or False"),
         ({"trajectory": [[1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 0, 1]]}, "row 2 .*later"),
         ({"trajectory": [[0, 0, 0]]}, "trajectory must be"),
         ({"trajectory": [[0], [1, 2]]}, "trajectory must be"),

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.needs import need
 from tests.scenes import SQUARE, box, sphere, stacked, together, wrong_outside_band
-from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.visibility import METHODS, find_method, oracle
 from zbuf_occlude.visibility.interface import Method, Occluder
 
@@ -55,13 +55,7 @@ FREE = zo.SurfacePoints.free(
 @pytest.fixture(scope="module", params=METHODS, ids=lambda method: method.name)
 def method(request: pytest.FixtureRequest) -> Method:
     row: Method = request.param
-    reason = row.missing()
-    if reason:
-        pytest.skip(f"{row.name} {reason}")
-    try:
-        row.load()
-    except UnavailableError as error:
-        pytest.skip(str(error))
+    need(row.requires)
     return row
 
 
@@ -271,8 +265,7 @@ def test_options_that_are_none(method: Method, prepare: Prepare) -> None:
 )
 def test_options_out_of_range(name: str, options: dict[str, object], message: str, request: Any) -> None:
     row = find_method(name)
-    if reason := row.missing():
-        pytest.skip(f"{name} {reason}")
+    need(row.requires)
     shared = {"gl": request.getfixturevalue("gl")} if row.needs_gl else {}
     with pytest.raises(zo.OptionError, match=re.escape(message)):
         zo.prepare(SCENE, name, **shared, **options)

@@ -5,10 +5,8 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import needles, soup, two_plates, wrong_outside_band
-from zbuf_occlude.visibility import find_method
 
-reason = find_method("embree").missing()
-pytestmark = pytest.mark.skipif(bool(reason), reason=f"embree {reason}")
+pytestmark = pytest.mark.needs("embreex")
 
 EYES = zo.views.paper100().eyes[::16]
 

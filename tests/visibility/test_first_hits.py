@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.needs import need
 from tests.random_scenes import triangles
 from tests.rational import meeting
 from tests.scenes import SQUARE, box, stacked
@@ -44,8 +45,7 @@ def casting() -> list[Method]:
 @pytest.fixture(scope="module", params=casting(), ids=lambda method: method.name)
 def method(request: pytest.FixtureRequest) -> Method:
     row: Method = request.param
-    if reason := row.missing():
-        pytest.skip(f"{row.name} {reason}")
+    need(row.requires)
     return row
 
 

@@ -13,8 +13,7 @@ from zbuf_occlude.visibility import find_method, oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 
-reason = find_method("hidden_point_removal").missing()
-pytestmark = pytest.mark.skipif(bool(reason), reason=f"hidden_point_removal {reason}")
+pytestmark = pytest.mark.needs("open3d")
 
 
 def test_a_dense_convex_cloud_is_what_it_is_good_at() -> None:

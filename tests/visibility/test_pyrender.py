@@ -16,11 +16,10 @@ import zbuf_occlude as zo
 from tests.processes import ended
 from tests.scenes import chair, needs_chair
 from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, view_matrices
-from zbuf_occlude.visibility import find_method, oracle, pyrender
+from zbuf_occlude.visibility import oracle, pyrender
 from zbuf_occlude.visibility.pyrender import PyrenderOccluder
 
-reason = find_method("pyrender").missing()
-pytestmark = pytest.mark.skipif(bool(reason), reason=f"pyrender {reason}")
+pytestmark = pytest.mark.needs("pyrender")
 
 EYES = zo.views.paper100().eyes[::16]
 
@@ -30,14 +29,8 @@ TORUS = zo.Mesh.from_trimesh(trimesh.creation.torus(1.0, 0.4, major_sections=60,
 @pytest.fixture(scope="module")
 def torus() -> Iterator[PyrenderOccluder]:
     """One process for all tests that do it no harm."""
-    try:
-        occluder = pyrender.prepare(TORUS)
-    except zo.GlError as error:
-        if os.environ.get("ZBUF_OCCLUDE_GL", "").startswith("egl"):
-            raise
-        pytest.skip(f"pyrender cannot render here: {error}")
-    yield occluder
-    occluder.close()
+    with pyrender.prepare(TORUS) as occluder:
+        yield occluder
 
 
 def process_of(occluder: PyrenderOccluder) -> "subprocess.Popen[bytes]":

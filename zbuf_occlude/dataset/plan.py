@@ -174,8 +174,6 @@ class Recipe:
         check_word("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
-        if self.subset == "fps" and (lacking := missing("fpsample")):
-            raise UnavailableError(f"subset fps {lacking}")
         for name in self.attributes:
             check_word("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):

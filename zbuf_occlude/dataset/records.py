@@ -244,17 +244,12 @@ def draw(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) 
 def farthest_points(positions: FloatArray, size: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Return `size` of more positions (n, 3), each the farthest from all before it, the first at random.
 
-    References
-    ----------
-    The package fpsample (extra `fps`): QuickFPS's buckets, exact; 3 ms for 2,048 of 10,000 where a plain loop takes 18.
+    Costs size * n distances: 13 ms for 2,048 of 10,000.
     """
-    import fpsample
-
-    n_halvings = min(5, int(np.log2(len(positions))))
-    near_origin = (positions - positions.mean(axis=0)).astype(np.float32)
-    first = int(rng.integers(len(positions)))
-    found = fpsample.bucket_fps_kdline_sampling(near_origin, size, h=n_halvings, start_idx=first)
-    return np.asarray(found, dtype=np.intp)
+    chosen = np.full(size, rng.integers(len(positions)), dtype=np.intp)
+    near_origin = np.ascontiguousarray((positions - positions.mean(axis=0)).T)
+    _choose_farthest(*near_origin, np.full(len(positions), np.inf), chosen)
+    return chosen
 
 
 def fit(positions: FloatArray) -> tuple[FloatArray, float]:
@@ -356,6 +351,21 @@ def _draw(mask: Any, whole: Any, seed: Any, view: Any, visible: Any, chosen: Any
             state, j = _below(state, size - i)
             chosen[i], chosen[i + j] = chosen[i + j], chosen[i]
     return n_visible
+
+
+@njit(cache=True, nogil=True)
+def _choose_farthest(x: Any, y: Any, z: Any, squared: Any, chosen: Any) -> None:
+    """Fill `chosen` after its first place; `squared` (n,), infinite at first, becomes the distances from the chosen."""
+    for place in range(1, len(chosen)):
+        last = chosen[place - 1]
+        for i in range(len(x)):
+            dx, dy, dz = x[i] - x[last], y[i] - y[last], z[i] - z[last]
+            squared[i] = min(squared[i], dx * dx + dy * dy + dz * dz)
+        farthest = 0
+        for i in range(len(x)):
+            if squared[i] > squared[farthest]:
+                farthest = i
+        chosen[place] = farthest
 
 
 @njit(cache=True, nogil=True)
