@@ -3,6 +3,7 @@
 hero         a mesh and its camera, the complete cloud, the partial cloud, and an HDL-64E scan
 benchmarks   the chart of docs/performance.md, from docs/figures.json
 sensors      one car: uniform cloud, a LiDAR's scans at 10, 20 and 40 m, in a street, and by a depth camera
+exact_corner lines through a corner, by rounded and by exact volumes
 frames       what a frame holds, the visible part, masks, pairs, coverage, voxels, occlusions
 shapes       every member of the built-in classes, a picture of each class, in the folder FILE
 
@@ -27,6 +28,7 @@ from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.drawing.marks import project_to_picture
 from zbuf_occlude.drawing.pictures import canvas, draw_cloud, draw_mesh, new_figure
+from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors import Scan, look_at, make
@@ -289,6 +291,41 @@ def draw_pair(axes: Any, mesh: zo.Mesh, eyes: np.ndarray) -> None:
     axes.set_title(f"a pair: {(first & second).sum() / first.sum():.0%} overlap, in green")
 
 
+# ---- a line through a corner -----------------------------------------------------------------------------------------
+
+ULPS = 12
+"""Steps of the last digit of two coordinates of a point, either way."""
+
+
+def exact_corner(out: Path) -> None:
+    """Draw which of six faces about a corner block lines that pass it within a few last digits."""
+    rng = np.random.default_rng(339)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    angles = np.arange(6) * np.pi / 3 + rng.uniform(-0.3, 0.3, 6)
+    ring = np.stack([np.cos(angles), np.sin(angles), rng.uniform(0.1, 0.4, 6)], axis=1)
+    corner, ring = np.array([0.31, 0.47, 0.23]), ring @ turn + [0.31, 0.47, 0.23]
+    faces = [(corner, ring[i], ring[(i + 1) % 6]) for i in range(6)]
+    eye = corner + np.array([0.2, 0.1, 3.7]) @ turn
+    behind = eye + 1.7 * (corner - eye)
+    steps = np.arange(-ULPS, ULPS + 1)
+    rounded, exact = (np.zeros((len(steps), len(steps)), dtype=int) for _ in range(2))
+    for i, j in np.ndindex(*rounded.shape):
+        point = behind + np.array([steps[j] * np.spacing(behind[0]), steps[i] * np.spacing(behind[1]), 0.0])
+        for number, face in enumerate(faces, 1):
+            a, b, c = (each - point for each in face)
+            volumes = [float((point - eye) @ np.cross(*edge)) for edge in ((b, c), (c, a), (a, b))]
+            if min(volumes) >= 0 or max(volumes) <= 0:
+                rounded[i, j] = number
+            if blocks(tuple(eye), tuple(point), *map(tuple, face), 0.0):
+                exact[i, j] = number
+    figure, axes = new_figure(1, 2, panel=4.0)
+    colours = ListedColormap(["#d62728", *(f"#{k:02x}{k:02x}{k + 24:02x}" for k in (120, 200, 140, 215, 160, 180))])
+    for panel, found, title in ((axes[0][0], rounded, "rounded volumes"), (axes[0][1], exact, "exact signs")):
+        panel.imshow(found, origin="lower", cmap=colours, vmin=0, vmax=6)
+        panel.set_title(f"{title}: {(found == 0).sum()} of {found.size} lines leak")
+    figure.savefig(out, format="png", dpi=90)
+
+
 # ---- built-in shapes -------------------------------------------------------------------------------------------------
 
 COLUMNS = 15
@@ -311,7 +348,14 @@ def every_shape(folder: Path) -> None:
         matplotlib.image.imsave(folder / f"{label}.png", np.vstack(rows))
 
 
-PICTURES = {"hero": hero, "benchmarks": benchmarks, "sensors": sensors, "frames": frames, "shapes": every_shape}
+PICTURES = {
+    "hero": hero,
+    "benchmarks": benchmarks,
+    "sensors": sensors,
+    "frames": frames,
+    "exact_corner": exact_corner,
+    "shapes": every_shape,
+}
 
 
 def main(name: str, *, out: Path | None = None) -> None:

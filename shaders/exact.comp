@@ -9,7 +9,8 @@
 // a power of two g that brings it into the unit ball, so that far eyes lose nothing. Suffix _g: times g.
 //
 // Exactness: a point test evaluates four planes, each divided by a bound of its own rounding error (the inputs'
-// included). Beyond 1 its sign is certain; what is between -1 and 1 is decided in float64 on the original coordinates.
+// included). Beyond 1 its sign is certain; what is between -1 and 1 is tested in float64 on the original coordinates.
+// What float64 leaves in doubt is undecided: the caller decides it.
 //
 // Work: a group that has taken more than BUDGET steps gives up, keeps what it found, and lists itself; the caller asks
 // again with the boxes below. (llvmpipe ends every loop silently after 65,535 iterations in all; GPUs like short groups.)
@@ -32,7 +33,6 @@ const float EPSILON = $EPSILON;          // float32's unit roundoff
 const float SLACK = 4e-6;                // of boxes: some 64 roundings of coordinates below 1
 const float FAR = 1e6;                   // a packet so far out is left to float64
 const float TINY = 1e-30;
-const double BESIDE = 1e-6LF;            // of reach^2 / diagonal, by which a line of sight passes beside a face's box
 
 struct Face { vec4 a_ab, ab_ac, ac_n, bc; };  // corner a, edges ab, ac, normal n, edge bc, one after the other
 struct ExactPoint { double x, y, z; uint order, unused; };
@@ -45,7 +45,7 @@ layout(std430, binding = 3) readonly buffer Points { uvec4 points[]; };         
 layout(std430, binding = 4) readonly buffer ExactPoints { ExactPoint exact_points[]; };
 layout(std430, binding = 5) readonly buffer Packets { vec4 packets[]; };        // centre and radius, half size
 layout(std430, binding = 6) readonly buffer Eyes { Eye eyes[]; };
-layout(std430, binding = 7) buffer Hidden { uint hidden_bits[]; };              // [eye][order / 32]
+layout(std430, binding = 7) buffer Answers { uint answer_bits[]; };            // [eye][hidden, undecided][order / 32]
 layout(std430, binding = 8) readonly buffer Tasks { uvec2 tasks[]; };           // pair of eye and packet, entry
 layout(std430, binding = 9) buffer Unfinished { uint n_unfinished, unused, done[6]; uvec2 unfinished[]; };
 
@@ -53,7 +53,7 @@ uniform uint n_tasks;                    // 0: every packet and eye, from the ro
 uniform uint n_packets, first_eye, words;  // words of an eye's row of bits
 uniform uint first_face, n_faces, n_levels, level_start[$MAX_LEVELS], level_size[$MAX_LEVELS];
 uniform float contact;                   // in the mesh's unit
-uniform double contact64, diagonal64;    // in world units
+uniform double contact64;                // in world units
 
 shared uint extent[5];                   // of the packet as the eye sees it; ordered like floats
 shared uint stack[$STACK], n_pushed[2];
@@ -88,26 +88,7 @@ float unordered(uint key)
     return uintBitsToFloat((key & 0x80000000u) != 0u ? key & 0x7fffffffu : ~key);
 }
 
-// Whether a line of sight passes beside a face's box. What `blocks64` says of such a face is rounding: the line lies in
-// its plane to the last digit. as exact/ widens it.
-bool passes_beside(dvec3 e, dvec3 p, dvec3 a, dvec3 b, dvec3 c)
-{
-    dvec3 d = e - p, away = max(abs(d), abs(a - p)), at = abs(p);
-    double reach = max(diagonal64, max(away.x, max(away.y, away.z)));
-    double margin = BESIDE * (2.0LF * reach / diagonal64 * reach + BESIDE * max(at.x, max(at.y, at.z)));
-    dvec3 low = min(a, min(b, c)) - margin - p, high = max(a, max(b, c)) + margin - p;
-    double enter = 0.0LF, leave = 1.0LF;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (low[axis] <= min(0.0LF, d[axis]) && high[axis] >= max(0.0LF, d[axis])) continue;
-        if (d[axis] == 0.0LF) return true;
-        double one = low[axis] / d[axis], other = high[axis] / d[axis];
-        enter = max(enter, min(one, other));
-        leave = min(leave, max(one, other));
-    }
-    return enter > leave;
-}
-
-bool blocked64(uint face, uint point, uint eye)
+uint blocked64(uint face, uint point, uint eye)
 {
     uint i = 9u * face;
     dvec3 a = dvec3(corners[i], corners[i + 1u], corners[i + 2u]);
@@ -115,7 +96,7 @@ bool blocked64(uint face, uint point, uint eye)
     dvec3 c = dvec3(corners[i + 6u], corners[i + 7u], corners[i + 8u]);
     dvec3 p = dvec3(exact_points[point].x, exact_points[point].y, exact_points[point].z);
     dvec3 e = dvec3(eyes[eye].x, eyes[eye].y, eyes[eye].z);
-    return blocks64(e, p, a, b, c, contact64) && !passes_beside(e, p, a, b, c);
+    return blocks64(e, p, a, b, c, contact64);
 }
 
 bool meets_shaft(uint box)
@@ -269,7 +250,7 @@ void main()
     beyond += slack;
 
     const uint ALL = (1u << PER_THREAD) - 1u;
-    uint hidden = 0u;                    // one bit for each of this thread's points
+    uint hidden = 0u, undecided = 0u;    // one bit for each of this thread's points
     uint steps = 0u, doubted = 0u;       // taken by the group; by this thread in float64
     uint n_boxes = 0u, n_looked = 0u, n_tested = 0u;
     uint first = 0u, turn = 0u;
@@ -340,7 +321,9 @@ void main()
                     doubts &= doubts - 1u;
                     ++doubted;
                     uint face = triangle[at] - first_face;
-                    if (blocked64(face, packet * PACKET + q * COLUMNS + column, eye)) hidden |= 1u << q;
+                    uint answer = blocked64(face, packet * PACKET + q * COLUMNS + column, eye);
+                    if (answer == BLOCKED) hidden |= 1u << q;
+                    else if (answer == IN_DOUBT) undecided |= 1u << q;
                 }
                 if (hidden == ALL) j = listed;
             }
@@ -377,7 +360,9 @@ void main()
     }
     for (uint q = 0u; q < PER_THREAD; ++q) {
         uint order = exact_points[packet * PACKET + q * COLUMNS + column].order;
-        if ((hidden >> q & 1u) != 0u && order != NONE && strand == 0u)
-            atomicOr(hidden_bits[eye_row * words + (order >> 5u)], 1u << (order & 31u));
+        if (order == NONE) continue;
+        uint word = 2u * eye_row * words + (order >> 5u), bit = 1u << (order & 31u);
+        if ((hidden >> q & 1u) != 0u && strand == 0u) atomicOr(answer_bits[word], bit);
+        if ((undecided >> q & 1u) != 0u) atomicOr(answer_bits[word + words], bit);
     }
 }

@@ -93,6 +93,13 @@ def needles(n_faces: int, seed: int = 0) -> zo.Mesh:
     return zo.Mesh(np.stack([a, b, c], axis=1).reshape(-1, 3), np.arange(3 * n_faces).reshape(-1, 3))
 
 
+def wrong(mesh: zo.Mesh, answer: np.ndarray, points: zo.SurfacePoints, eyes: np.ndarray) -> int:
+    """Count the pairs on which an answer differs from the oracle's."""
+    from zbuf_occlude.visibility import oracle
+
+    return int((answer != oracle.prepare(mesh).visible(points, eyes)).sum())
+
+
 def wrong_outside_band(mesh: zo.Mesh, answer: np.ndarray, points: zo.SurfacePoints, eyes: np.ndarray) -> int:
     """Count the pairs on which an answer differs from the oracle's though that is decided."""
     from zbuf_occlude.visibility import oracle

@@ -29,7 +29,7 @@ PROMISED = {
     "pyrender": (False, False, "pyrender"),
     "vertex_hsr": (False, False, ""),
     "vertex_hsr_culled": (False, False, ""),
-    "exact_hsr": (True, False, ""),
+    "exact_hsr": (False, False, ""),
     "occupancy_grid": (False, False, ""),
     "hidden_point_removal": (False, False, "open3d"),
 }

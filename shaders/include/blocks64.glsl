@@ -1,38 +1,31 @@
-// THE definition of "blocked" in float64: zbuf_occlude/geometry/predicates.py word for word, so that both decide alike.
-// `precise` forbids the compiler to fuse or reorder: cross(b, a) must stay the exact negative of cross(a, b).
+// The definition of "blocked" (zbuf_occlude/geometry/predicates.py) as far as float64 tells: hidden, not hidden, or in doubt.
+// The same filter: each volume has a bound on its error. `precise` keeps the compiler from computing other numbers.
 
-dvec3 cross64(dvec3 a, dvec3 b)
-{
-    precise dvec3 n;
-    n.x = a.y * b.z - a.z * b.y;
-    n.y = a.z * b.x - a.x * b.z;
-    n.z = a.x * b.y - a.y * b.x;
-    return n;
-}
+const double FILTER64 = 1e-15LF, TINY64 = 1e-150LF;  // of the permanent: 9 roundings; underflow
+const double CLEAR64 = 1e9LF;                      // a height that exceeds its error so many times may be divided by
+const double UNSURE64 = 1e-6LF;                    // relative distance from the contact tolerance
+const uint NOT_BLOCKED = 0u, BLOCKED = 1u, IN_DOUBT = 2u;
 
-double dot64(dvec3 a, dvec3 b)
+// x . (y x z), and a bound on its error
+dvec2 filtered64(dvec3 x, dvec3 y, dvec3 z)
 {
-    precise double sum = a.x * b.x + a.y * b.y + a.z * b.z;
-    return sum;
+    precise dvec3 p = y.yzx * z.zxy, q = y.zxy * z.yzx, size = abs(x) * (abs(p) + abs(q));
+    precise dvec3 terms = x * (p - q);
+    return dvec2(terms.x + terms.y + terms.z, FILTER64 * (size.x + size.y + size.z) + TINY64);
 }
 
 // Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
-bool blocks64(dvec3 eye, dvec3 point, dvec3 a, dvec3 b, dvec3 c, double contact)
+uint blocks64(dvec3 eye, dvec3 point, dvec3 a, dvec3 b, dvec3 c, double contact)
 {
-    precise dvec3 d = point - eye;
-    precise dvec3 to_a = a - point, to_b = b - point, to_c = c - point;
-    precise double u = dot64(d, cross64(to_b, to_c));
-    precise double v = dot64(d, cross64(to_c, to_a));
-    precise double w = dot64(d, cross64(to_a, to_b));
-    bool inside = (u >= 0.0LF && v >= 0.0LF && w >= 0.0LF) || (u <= 0.0LF && v <= 0.0LF && w <= 0.0LF);
-    precise dvec3 ab = b - a, ac = c - a, n = cross64(ab, ac);
-    precise double slope = dot64(d, n);
-    precise double volume = u + v + w;
-    bool in_plane = slope == 0.0LF || volume == 0.0LF;
-    // compared, not divided: drivers may divide by multiplying with a rounded reciprocal
-    precise double height = -dot64(to_a, n);
-    height = slope < 0.0LF ? -height : height;
-    slope = abs(slope);
-    precise double farther = height * sqrt(dot64(d, d)), nearest = contact * slope;
-    return inside && !in_plane && farther > nearest && height < slope;
+    dvec3 d = point - eye;
+    dvec2 u = filtered64(d, b - point, c - b), v = filtered64(d, c - point, a - c), w = filtered64(d, a - point, b - a);
+    bool above = u.x > u.y || v.x > v.y || w.x > w.y, below = u.x < -u.y || v.x < -v.y || w.x < -w.y;
+    if (above && below) return NOT_BLOCKED;
+    dvec2 near = filtered64(point - a, b - a, c - a), far = filtered64(eye - a, b - a, c - a);
+    if (near.x > near.y && far.x > far.y || near.x < -near.y && far.x < -far.y) return NOT_BLOCKED;
+    if (!(abs(near.x) > CLEAR64 * near.y && abs(far.x) > CLEAR64 * far.y)) return IN_DOUBT;
+    double farther = abs(near.x) * sqrt(dot(d, d)), nearest = contact * (abs(near.x) + abs(far.x));
+    if (farther < nearest * (1.0LF - UNSURE64)) return NOT_BLOCKED;
+    bool passes = abs(u.x) > u.y && abs(v.x) > v.y && abs(w.x) > w.y;
+    return passes && farther > nearest * (1.0LF + UNSURE64) ? BLOCKED : IN_DOUBT;
 }

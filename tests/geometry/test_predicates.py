@@ -1,13 +1,18 @@
 """`blocks`, the definition: closed forms, rational arithmetic, and properties that must hold to the last bit."""
 
+from fractions import Fraction
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tests.rational import sees
+from tests.rational import exact, sees
+from tests.rational import meeting as rational_meeting
 from zbuf_occlude import Mesh
-from zbuf_occlude.geometry.predicates import blocks
+from zbuf_occlude.geometry.determinants import CLEAR, determinant, low_part
+from zbuf_occlude.geometry.predicates import blocks, compare_meetings, meeting
 
 Vector = tuple[float, float, float]
 
@@ -113,3 +118,50 @@ def test_a_far_eye_is_judged_as_well_as_a_near_one() -> None:
             arguments = [tuple(map(float, v)) for v in (eye, point, a, b, c)]
             wrong += bool(blocks(*arguments, 0.0)) != blocks_exactly(*arguments)  # type: ignore[arg-type]
     assert wrong == 0
+
+
+parts = st.floats(-1e3, 1e3, width=64).map(lambda x: x + 0.0)
+tiny = st.sampled_from([0.0, 1e-17, 3e-200, 5e-324])
+rows = st.tuples(st.tuples(parts, parts, parts), st.tuples(tiny, tiny, tiny))
+
+
+@settings(max_examples=150, deadline=None)
+@given(a=st.tuples(rows, rows, rows), scale=st.sampled_from([1.0, 1e-100, 1e90]), degree=st.integers(0, 2))
+def test_determinants_have_the_sign_of_rational_arithmetic(a: Any, scale: float, degree: int) -> None:
+    """Rows of differences that rounding changes, some nearly parallel: the sign is exact, the size to 1e-9."""
+    positions = [(np.array(p) * scale, np.array(q) * scale) for p, q in a]
+    if degree:
+        positions[degree] = positions[0][0] * (1.0 + 2.0**-52), positions[0][1]
+    arguments, exact_rows = [], []
+    for begin, end in positions:
+        high = begin - end
+        low = low_part(tuple(begin), tuple(end), tuple(high))
+        arguments += [tuple(map(float, high)), low]
+        exact_rows.append([Fraction(float(x)) - Fraction(float(y)) for x, y in zip(begin, end, strict=True)])
+    x, y, z = exact_rows
+    truth = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
+    found = determinant(CLEAR, *arguments)
+    assert np.sign(found) == (truth > 0) - (truth < 0)
+    if 1e-300 < abs(truth) < 1e300:
+        assert abs(Fraction(found) / truth - 1) < 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    origin=vectors,
+    face=st.tuples(vectors, vectors, vectors),
+    other=st.tuples(vectors, vectors, vectors),
+    kind=st.integers(0, 2),
+)
+def test_meetings_are_ordered_as_by_rational_arithmetic(origin: Vector, face: Any, other: Any, kind: int) -> None:
+    """Faces anywhere, of the same corners, and with an edge in common that the ray aims at."""
+    other = (other, (face[1], face[2], face[0]), (face[1], face[0], other[2]))[kind]
+    direction = tuple(float(x) for x in 0.5 * (np.array(face[0]) + np.array(face[1])) - origin)
+    assume(any(direction))
+    met = [rational_meeting(exact(origin), exact(direction), [exact(c) for c in corners]) for corners in (face, other)]
+    for corners, t in zip((face, other), met, strict=True):
+        found, error = meeting(origin, direction, *corners)
+        assert np.isinf(found) == (t is None)
+        assert t is None or abs(Fraction(found) - t) <= Fraction(error)
+    if None not in met:
+        assert compare_meetings(origin, direction, face, other) == (met[0] > met[1]) - (met[0] < met[1])

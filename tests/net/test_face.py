@@ -14,10 +14,10 @@ from tests.net import options
 from tests.net.digests import write_meshes
 
 OPTIONS = json.loads(Path(__file__).with_name("options.json").read_text())
-EXACT = {"exact", "exact_gl", "oracle", "exact_hsr", "warp"}
+EXACT = {"exact", "exact_gl", "oracle", "warp"}
 WITH_GL = {"depth_buffer", "exact_gl"}
 EXTRAS = {"embree": "embree", "pyrender": "pyrender", "hidden_point_removal": "open3d", "warp": "warp"}
-OTHERS = {"vertex_hsr", "vertex_hsr_culled", "occupancy_grid"}
+OTHERS = {"exact_hsr", "vertex_hsr", "vertex_hsr_culled", "occupancy_grid"}
 CASTERS = ("oracle", "exact", "embree", "warp", "depth_buffer")
 ERRORS = ("ArgumentError", "DatasetError", "GlError", "MeshError", "OptionError", "UnavailableError")
 

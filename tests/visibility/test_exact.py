@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import zbuf_occlude as zo
-from tests.scenes import soup, wrong_outside_band
+from tests.scenes import soup, wrong
 from zbuf_occlude import Mesh, SurfacePoints, sample_surface
 
 RNG = np.random.default_rng
@@ -13,7 +13,7 @@ RNG = np.random.default_rng
 
 def disagreements(mesh: Mesh, points: SurfacePoints, eyes: np.ndarray) -> int:
     with zo.prepare(mesh, "exact") as occluder:
-        return wrong_outside_band(mesh, occluder.visible(points, eyes), points, eyes)
+        return wrong(mesh, occluder.visible(points, eyes), points, eyes)
 
 
 def around(mesh: Mesh, n_eyes: int, distance: float) -> np.ndarray:
@@ -49,6 +49,21 @@ def test_free_points_far_outside_the_mesh() -> None:
     mesh = soup(400, 0.1, 9)
     points = SurfacePoints.free(RNG(0).normal(size=(1500, 3)) * 10.0 ** RNG(1).uniform(-1, 3, (1500, 1)))
     assert disagreements(mesh, points, around(mesh, 6, 3.0)) == 0
+
+
+@pytest.mark.parametrize("exponent", [-332, -200, 230])
+@pytest.mark.parametrize("method", ["exact", "oracle"])
+def test_units_of_any_size_give_the_same_answers(method: str, exponent: int) -> None:
+    """From 1e-100 to 1e69: products of three lengths underflow, or overflow, in float64."""
+    mesh, unit = soup(200, 0.3, 2), 2.0**exponent
+    points, eyes = sample_surface(mesh, n_points=200, seed=0), around(mesh, 3, 2.0)
+    rays = points.positions - eyes[0]
+    with zo.prepare(mesh, method) as usual, zo.prepare(mesh.transformed(unit), method) as scaled:
+        moved = SurfacePoints(points.positions * unit, points.face_ids, points.normals)
+        assert (scaled.visible(moved, eyes * unit) == usual.visible(points, eyes)).all()
+        found, expected = scaled.first_hits(eyes[:1] * unit, rays * unit), usual.first_hits(eyes[:1], rays)
+        assert (found.face_ids == expected.face_ids).all()
+        assert np.allclose(found.distances / unit, expected.distances, rtol=1e-12)
 
 
 def test_faces_of_no_area_hide_nothing() -> None:

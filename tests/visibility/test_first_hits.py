@@ -57,15 +57,14 @@ def rays(method: Method) -> Rays:
 
 
 def wrong(method: Method, mesh: zo.Mesh, found: FirstHits, origins: np.ndarray, directions: np.ndarray) -> float:
-    """Fraction of rays with another answer than the oracle's: for an exact method of those outside the band, any
-    difference; for another, a face more than the contact tolerance nearer or farther."""
+    """Fraction of rays with another answer than the oracle's: for an exact method any difference; for another, a face
+    more than the contact tolerance nearer or farther."""
     judge = oracle.prepare(mesh)
     truth = judge.first_hits(origins, directions)
     with np.errstate(invalid="ignore"):
         apart = np.where(found.distances == truth.distances, 0.0, np.abs(found.distances - truth.distances))
     if method.exact:
-        differs = (found.face_ids != truth.face_ids) | (apart > 1e-9 * mesh.diagonal)
-        return float((differs & judge.decided_hits(origins, directions)).mean())
+        return float(((found.face_ids != truth.face_ids) | (apart > 1e-8 * truth.distances)).mean())
     return float((apart > judge.contact).mean())
 
 
@@ -178,13 +177,15 @@ def test_rays_from_far_away_meet_what_they_meet_from_nearer(name: str, diagonals
     units = directions / np.linalg.norm(directions, axis=1)[:, None]
     near = origins - 2.0 * SCENE.diagonal * units
     judge, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
-    truth, clear = judge.first_hits(near, directions), judge.decided_hits(near, directions)
+    truth = judge.first_hits(near, directions)
     with zo.prepare(SCENE, name) as occluder:
         found = occluder.first_hits(near - skipped * units, directions)
-    assert clear.mean() > 0.9
     assert (truth.face_ids >= 0).mean() > 0.3
-    assert (found.face_ids == truth.face_ids)[clear].all()
-    met = clear & (truth.face_ids >= 0)
+    same = (
+        found.face_ids == truth.face_ids
+    )  # the origins moved are rounded, so these are other rays by 1e-16 of the way
+    assert same.mean() > 0.9
+    met = same & (truth.face_ids >= 0)
     assert np.abs(found.distances[met] - skipped - truth.distances[met]).max() < 1e-6 * SCENE.diagonal
 
 
@@ -233,16 +234,6 @@ def test_closing(prepare: Prepare) -> None:
         occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
 
 
-def test_the_band_is_thin_and_is_where_it_should_be() -> None:
-    judge = oracle.prepare(SCENE)
-    assert judge.decided_hits(ORIGINS, DIRECTIONS).mean() > 0.85  # SCENE has a copied sheet
-    plates = oracle.prepare(PLATES)
-    down = np.array([[0.0, 0.0, -1.0]] * 4)
-    starts = np.array([[0.1, 0.2, 2.0], [0.5, 0.1, 2.0], [0.1, 0.2, -0.5], [3.0, 3.0, 1.0]])
-    # the middle of a face; its edge; a sheet that is there twice; nothing far and wide
-    assert plates.decided_hits(starts, down).tolist() == [True, False, False, True]
-
-
 def test_rational_truth_on_small_integers() -> None:
     """Every ray between lattice points through triangles with lattice corners, against exact arithmetic."""
     rng = np.random.default_rng(3)
@@ -253,7 +244,7 @@ def test_rational_truth_on_small_integers() -> None:
         if not direction.any() or not mesh.areas.all():
             continue
         found = oracle.prepare(mesh).first_hits([origin.tolist()], [direction.tolist()])
-        met = [meeting(origin, direction, face) for face in corners]
+        met = [meeting(origin.tolist(), direction.tolist(), face.tolist()) for face in corners]
         nearest = min((t for t in met if t is not None), default=None)
         if nearest is None:
             assert found.face_ids.item() == -1
@@ -264,10 +255,10 @@ def test_rational_truth_on_small_integers() -> None:
 
 def test_a_direction_may_have_any_length(prepare: Prepare) -> None:
     """Answers are those of a direction as long as usual, also beside such ones; 1e-320 has lost digits itself."""
-    directions = np.array([[0.1, 0.2, -1.0], [0.0, 0.0, 1.0], [0.15, 0.1, -1.0]])
+    directions = np.array([[0.05, 0.2, -1.0], [0.0, 0.0, 1.0], [0.15, 0.1, -1.0]])
     with prepare(PLATES) as occluder:
         usual = occluder.first_hits([[0.1, 0.0, 1.0]], directions)
-        np.testing.assert_allclose(usual.distances, [np.sqrt(1.05), np.inf, np.sqrt(1.0325)], rtol=1e-12)
+        np.testing.assert_allclose(usual.distances, [np.sqrt(1.0425), np.inf, np.sqrt(1.0325)], rtol=1e-12)
         for length in (1e-300, 1e-160, 1e-30, 1e30, 1e69):
             other = occluder.first_hits([[0.1, 0.0, 1.0]], directions * np.array([[length], [1.0], [length]]))
             np.testing.assert_array_equal(other.face_ids, usual.face_ids)

@@ -1,4 +1,4 @@
-"""The judge judged: rational arithmetic on small integer meshes, closed forms, the boundary band, silhouettes."""
+"""The oracle: rational arithmetic on small integer meshes, closed forms, the boundary band, silhouettes."""
 
 import numpy as np
 import pytest
@@ -164,7 +164,7 @@ def test_runs_whose_boxes_are_passed_over_hide_nothing() -> None:
     assert seen.tolist() == expected
 
 
-def test_a_face_that_blocks_by_rounding_only_hides_nothing() -> None:
+def test_a_face_in_whose_plane_a_line_ends_hides_nothing() -> None:
     """Its plane holds the line of sight to the last digit, which ends before it comes near the face."""
     face = np.array(
         [
@@ -176,7 +176,7 @@ def test_a_face_that_blocks_by_rounding_only_hides_nothing() -> None:
     point = np.array([-0.8002140298457999, 1.0117757248397987, 0.4153053816137331])
     eye = np.array([-1.2400666515352292, -0.06714663241188012, -0.21060564279371152])
     assert max(eye[0], point[0]) < face[:, 0].min() - 0.1
-    assert blocks(tuple(eye), tuple(point), *map(tuple, face), 0.0)
+    assert not blocks(tuple(eye), tuple(point), *map(tuple, face), 0.0)
     aside = [[-1.3, 1.2, 0.8], [-1.3, 1.3, 0.8], [-1.3, 1.2, 0.9]]  # the line is in the box of both faces
     mesh = zo.Mesh(np.concatenate([face, aside]), [[0, 1, 2], [3, 4, 5]])
     for method in ("oracle", "exact"):

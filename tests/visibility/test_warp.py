@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.random_scenes import CONTACTS, KINDS, disagreements_of, ray_disagreements_of
-from tests.scenes import box, row_in_a_plane, sphere, wrong_outside_band
+from tests.random_scenes import CONTACTS, KINDS, wrong_answers_of, wrong_rays_of
+from tests.scenes import box, row_in_a_plane, sphere, wrong
 
 pytest.importorskip("warp", reason="Warp is not installed: pip install 'zbuf-occlude[warp]'")
 
@@ -18,12 +18,12 @@ pytest.importorskip("warp", reason="Warp is not installed: pip install 'zbuf-occ
 def test_random_scenes(turn: int) -> None:
     """Each kind of scene once at each contact tolerance: their numbers have no common divisor."""
     for index in range(turn, len(KINDS) * len(CONTACTS), len(CONTACTS)):
-        assert disagreements_of("warp", 2, index, CONTACTS[turn])[0] == 0, f"scene {index}"
+        assert wrong_answers_of("warp", 2, index, CONTACTS[turn])[0] == 0, f"scene {index}"
 
 
 def test_random_rays() -> None:
     for index in range(len(KINDS)):
-        assert ray_disagreements_of("warp", 2, index)[0] == 0, f"scene {index}"
+        assert wrong_rays_of("warp", 2, index)[0] == 0, f"scene {index}"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -42,7 +42,7 @@ def test_far_points_and_far_eyes() -> None:
         with zo.prepare(ball, "warp") as occluder:
             found = occluder.visible(points, eyes)
         assert 0.1 < found.mean() < 0.9
-        assert wrong_outside_band(ball, found, points, eyes) == 0
+        assert wrong(ball, found, points, eyes) == 0
 
 
 def test_the_device() -> None:

@@ -17,7 +17,7 @@ from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.predicates import of_one_sign, volumes
+from zbuf_occlude.geometry.predicates import side_of_ray
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
@@ -373,9 +373,8 @@ def _have_another(corners: Any, positions: Any, normals: Any, face_ids: Any, axi
             if not near:
                 continue
             line = (normal[0], normal[1], normal[2])
-            u, v, w = volumes(point, line, a, b, c)
             own = cross(minus(b, a), minus(c, a))
             slope = abs(dot(line, own))
             height = abs(dot(minus(a, point), own))
-            found[i] = of_one_sign(u, v, w) and least * slope < height <= most * slope
+            found[i] = side_of_ray(point, line, a, b, c) != 0 and least * slope < height <= most * slope
     return found

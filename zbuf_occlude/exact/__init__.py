@@ -1,15 +1,16 @@
-"""The engine of `exact`: hidden-surface removal in image space on the CPU, every doubt decided in float64.
+"""The engine of `exact`: hidden-surface removal in image space on the CPU, every doubt decided by the definition.
 
 A mesh becomes a BVH, points become packets, eyes become views, and each view is searched; rays are cast. docs/exact.md
 tells the idea.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.exact.bvh import build_bvh
 from zbuf_occlude.exact.rays import find_first_hits
-from zbuf_occlude.exact.search import find_visible, find_visible_one_by_one
+from zbuf_occlude.exact.search import answer_pairs, find_visible, find_visible_one_by_one
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
@@ -33,6 +34,23 @@ class Engine:
         if len(points) < FEW_POINTS_PER_LEAF * len(self._bvh.face_ids):
             return find_visible_one_by_one(self._bvh, points, eyes)
         return find_visible(self._bvh, points, eyes)
+
+    def answer_pairs(
+        self,
+        positions: FloatArray,
+        face_ids: IntArray,
+        eyes: FloatArray,
+        pairs: tuple[NDArray[np.int64], ...],
+        visible: BoolArray,
+    ) -> None:
+        """Write to (k, n) `visible` whether the eye sees the point, of pairs of eye and point alone.
+
+        `pairs` are two arrays of their numbers; positions (n, 3) and face_ids (n,) are the points', eyes (k, 3).
+        """
+        if len(self._bvh.face_ids) == 0:
+            visible[pairs] = True
+        else:
+            answer_pairs(self._bvh, positions, face_ids, eyes, pairs, visible.view(np.uint8))
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return which face n rays meet first, (n,) int32, -1 for none, and the eye distance, (n,) float64."""

@@ -11,6 +11,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, indices_of, new_cells, place_along_curve
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.predicates import is_flat
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import greater, item, load, minimum, number, numbers3, put_item, splat, store
@@ -63,7 +64,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
 
     Notes
     -----
-    Faces whose normal is exactly zero are left out: by definition (`geometry.predicates.blocks`) they block nothing.
+    Faces whose corners lie on one line are left out: by definition (`geometry.predicates.blocks`) they block nothing.
     Long faces would enlarge the boxes of short ones, so they get leaves of their own. Runs of `RUN_FACES` faces along
     the Hilbert curve are halved by the surface area heuristic, down to leaves. (Runs of 16 faces of the curve itself
     have larger boxes: points meet 20 % more of them.) Leaves are divided likewise, into the children of nodes.
@@ -152,7 +153,7 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
                 extent = max(extent, upper - lower)
                 cells[axis, face - first] = np.int64((0.5 * (lower + upper) - low[axis]) * scale)
             normal = cross(minus(b, a), minus(c, a))
-            blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0)
+            blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0) or not is_flat(a, b, c)
             keys[face] = np.int64(extent > LONG * side) if blocks else NO_FACE
         place_along_curve(cells, last - first, CODE_BITS)
         for face in range(first, last):

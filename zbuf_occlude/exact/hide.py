@@ -1,4 +1,4 @@
-"""Hiding: leaves against packets of points in float32; what is in doubt is decided in float64, by the definition."""
+"""Hiding: leaves against packets of points in float32; the definition decides what is in doubt."""
 
 import numpy as np
 
@@ -43,9 +43,6 @@ SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
 NEAR_EYE = np.uint8(2)
 """In an answer: to be looked at alone."""
-BESIDE = 1e-6
-"""A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
-point is from mesh or eye: as of the oracle (`visibility.oracle.ROUNDING`)."""
 
 
 @inlined
@@ -198,9 +195,10 @@ def _faces_block(bvh, points, view, i, leaf, faces):
     while faces:
         lane = first_lane(faces)
         faces &= faces - 1
-        is_own = points.own[i] == leaf * LEAF + lane
-        if not is_own and _face_blocks(bvh, view.world_eye, point, corners_of(bvh, bvh.face_ids[leaf, lane])):
-            return True
+        if points.own[i] != leaf * LEAF + lane:
+            a, b, c = corners_of(bvh, bvh.face_ids[leaf, lane])
+            if blocks(view.world_eye, point, a, b, c, bvh.world_contact):
+                return True
     return False
 
 
@@ -245,44 +243,8 @@ def find_hidden(bvh, lines, n):
 @inlined
 def _block(bvh, lines, i, candidate, a, b, c):
     """Go no farther where a face blocks a line."""
-    if _face_blocks(bvh, triple(lines.origins, i), triple(lines.points, i), (a, b, c)):
+    if blocks(triple(lines.origins, i), triple(lines.points, i), a, b, c, bvh.world_contact):
         lines.faces[i], lines.fractions[i] = candidate, -1.0
-
-
-@inner
-def _within_slab(eye, point, lower, upper, enter, leave):
-    """Clip the part of a segment from `enter` to `leave`, fractions of its length, to what is between two walls."""
-    low, high, step = lower - eye, upper - eye, point - eye
-    if low <= 0.0 <= high and low <= step <= high:
-        return enter, leave  # inside this slab all the way; no division by a small step
-    if step == 0.0:
-        return 1.0, 0.0
-    first, second = low / step, high / step
-    return max(enter, min(first, second)), min(leave, max(first, second))
-
-
-@inner
-def _face_blocks(bvh, eye, point, corners):
-    """Whether a face blocks a line of sight by the definition, unless it does so by rounding only."""
-    by_definition = blocks(eye, point, corners[0], corners[1], corners[2], bvh.world_contact)
-    return by_definition and not _passes_beside(bvh, eye, point, corners)
-
-
-@inner
-def _passes_beside(bvh, eye, point, corners):
-    """Whether a line of sight passes beside a face's box: one in the face's plane to the last digit, whose volumes'
-    signs are rounding."""
-    reach, size = 2.0 / bvh.scale, 0.0
-    for axis in range(3):
-        reach = max(reach, abs(eye[axis] - point[axis]), abs(point[axis] - bvh.centre[axis]))
-        size = max(size, abs(point[axis]))
-    margin = BESIDE * (reach * bvh.scale * reach + BESIDE * size)
-    enter, leave = 0.0, 1.0
-    for axis in range(3):
-        one, two, three = corners[0][axis], corners[1][axis], corners[2][axis]
-        lower, upper = min(one, two, three), max(one, two, three)
-        enter, leave = _within_slab(eye[axis], point[axis], lower - margin, upper + margin, enter, leave)
-    return enter > leave
 
 
 @inner

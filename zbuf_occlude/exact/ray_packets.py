@@ -4,7 +4,7 @@ Leaves whose rectangles no ray goes through, or that lie behind what stops it, a
 is tested against 16 faces side by side. Where many do, the faces that the packet's rectangle misses are left out, 16 at
 a time, and all rays are tested against each face left, 16 side by side. A face that a ray meets for certain nearer than
 its nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
-`predicates.meeting` does, ray by ray. So faces and distances are the oracle's, ties included.
+the definition does, ray by ray. So the faces are the oracle's, ties included.
 """
 
 import math
@@ -28,13 +28,12 @@ from zbuf_occlude.exact.layout import (
     TOP,
     ZERO,
     Float32,
-    Int64,
 )
 from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.search import overlapping
-from zbuf_occlude.exact.single_rays import nearer
 from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
-from zbuf_occlude.geometry.predicates import meeting
+from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered
+from zbuf_occlude.geometry.predicates import is_nearer, meeting, meeting_with_plane
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.simd import (
     ALL,
@@ -97,8 +96,6 @@ class State(NamedTuple):
     limits: Float32  # (32,) the largest w that the upper bound stands for
     scratch: Float32  # (2, 16)
     face_ids: IntArray  # (32,) that face, -1 for none
-    fractions: FloatArray  # (32,) how many directions away it is, of the rays of `decided`
-    decided: Int64  # (1,) mask of the rays of which more than the bounds is known
 
 
 @njit(_nrt=True)
@@ -111,8 +108,6 @@ def make_state():
         limits=np.empty(PACKET, dtype=np.float32),
         scratch=np.empty((2, LEAF), dtype=np.float32),
         face_ids=np.empty(PACKET, dtype=np.int32),
-        fractions=np.empty(PACKET),
-        decided=np.empty(1, dtype=np.int64),
     )
 
 
@@ -140,7 +135,6 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
         store(state.highs, at, splat(ENDLESS))
         store(state.limits, at, splat(farthest))
         fill(state.face_ids, at, ALL, np.int32(-1))
-    state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
         found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], window)
@@ -228,7 +222,6 @@ def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
         if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
             state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
             state.face_ids[lane] = face
-            state.decided[0] &= ~(np.int64(1) << lane)
             changed = True
         elif state.scratch[0, place] <= state.highs[lane]:
             changed |= _decide(bvh, frame, rays, face, lane, state)
@@ -260,7 +253,6 @@ def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
             store(state.lows, at, select(sure, low, lows))
             store(state.highs, at, select(sure, high, highs))
             fill(state.face_ids, at, sure, face)
-            state.decided[0] &= ~(sure << at)
         doubtful = maybe & ~sure
         changed |= sure != 0
         while doubtful:
@@ -272,51 +264,68 @@ def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
 
 @njit(error_model="numpy")
 def _decide(bvh, frame, rays, candidate, lane, state):
-    """Decide in float64 whether a ray meets a face nearer than its nearest so far; return whether it does."""
+    """Decide by the definition whether a ray meets a face before its nearest so far; return whether it does."""
     i = rays.chosen[lane]
-    origin, direction = rays.origin, rays.directions[3 * i : 3 * i + 3]
-    face, fraction = np.int64(state.face_ids[lane]), math.inf
-    if (state.decided[0] >> lane) & 1:
-        fraction = state.fractions[lane]
-    elif face >= 0:
-        normal, height = _plane(corners_of(bvh, face), origin)
-        fraction = height / dot(direction, normal)
-    a, b, c = corners_of(bvh, candidate)
-    found, nearest = nearer(meeting(origin, direction, a, b, c), candidate, face, fraction)
-    if found < 0:
+    origin, direction = _triple(rays.origin, 0), _triple(rays.directions, 3 * i)
+    corners, face = corners_of(bvh, candidate), np.int64(state.face_ids[lane])
+    if candidate == face:
         return False
-    state.face_ids[lane], state.fractions[lane] = found, nearest
-    state.decided[0] |= np.int64(1) << lane
-    w = nearest * dot(frame.axis, direction) * bvh.scale
+    found, error = meeting(origin, direction, *corners)
+    if found == math.inf:
+        return False
+    if face >= 0:
+        other_corners = corners_of(bvh, face)
+        other, other_error = meeting_with_plane(origin, direction, *other_corners)
+        if not is_nearer(
+            *(origin, direction, np.int64(candidate), found, error, face, other, other_error), *(corners, other_corners)
+        ):
+            return False
+    state.face_ids[lane] = candidate
+    w = found * dot(frame.axis, direction) * bvh.scale
     g = -1.0 / w if frame.inside else (1.0 - 1.0 / w) / frame.inverse_away
     state.lows[lane] = np.float32(g) - ROUNDED * (ONE + np.float32(abs(g)))
     state.highs[lane] = np.float32(g) + ROUNDED * (ONE + np.float32(abs(g)))
-    return found != face
+    return True
 
 
 @inlined
-def _plane(corners, origin):
-    """A face's normal n and its height h above a ray's origin: the face that the ray meets is h / d . n directions d
-    away, as the last lines of `predicates.meeting` have it."""
-    a = corners[0]
-    n = cross(minus(corners[1], a), minus(corners[2], a))
-    return n, dot(minus(a, origin), n)
+def _triple(numbers, first):
+    return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
 @inner
 def _finish(bvh, rays, state):
     """Write the answers: faces, and distances as quotients."""
     directions, face_ids, heights, slopes = rays.directions, rays.face_ids, rays.heights, rays.slopes
-    before, normal, height = -1, (0.0, 0.0, 0.0), 0.0
+    origin = _triple(rays.origin, 0)
+    before, normal, height, least = -1, (0.0, 0.0, 0.0), 0.0, 0.0
     for lane in range(len(rays.chosen)):
         face = state.face_ids[lane]
         if face < 0:
             continue
         if face != before:
             before = face
-            normal, height = _plane(corners_of(bvh, face), rays.origin)
+            a, b, c = corners_of(bvh, face)
+            height, normal, least = _plane(origin, a, b, c)
         i = rays.chosen[lane]
-        face_ids[i], heights[i] = face, height
-        slopes[i] = dot((directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]), normal)
-        if (state.decided[0] >> lane) & 1:
-            heights[i], slopes[i] = state.fractions[lane], 1.0
+        direction = _triple(directions, 3 * i)
+        face_ids[i], heights[i], slopes[i] = face, height, dot(direction, normal)
+        if not abs(slopes[i]) > least * (abs(direction[0]) + abs(direction[1]) + abs(direction[2])):
+            heights[i], slopes[i] = meeting(origin, direction, *corners_of(bvh, face))[0], 1.0
+
+
+@inlined
+def _plane(origin, a, b, c):
+    """A face's height over a ray's origin and its normal, scaled alike, and how small a slope per direction is inexact.
+
+    Notes
+    -----
+    A component of the normal is wrong by 4 u times the two products that it is the difference of, `CLEAR` times less
+    than the least slope. Where the height is inexact, every slope is to be looked at again.
+    """
+    ab, ac = minus(b, a), minus(c, a)
+    to_a, n = minus(a, origin), cross(ab, ac)
+    height, error = filtered(to_a, ab, ac)
+    size = max(abs(ab[0]), abs(ab[1]), abs(ab[2])) * max(abs(ac[0]), abs(ac[1]), abs(ac[2]))
+    least = CLEAR * (2.0 * FILTER * size + TINY) if abs(height) > CLEAR * error else math.inf
+    return height, n, least

@@ -40,6 +40,8 @@ from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block_fr
 
 FEW_RAYS_PER_LEAF = 3
 """Fewer rays per leaf go one by one: an eye looks at all boxes of a BVH."""
+FAR = 1e5
+"""Scene units. Of origins farther away float64 does not resolve places in the image to a thousandth of float32."""
 RAYS_PER_LEAF = 16
 """Fewer rays per leaf are sorted as a whole in any case: compact blocks share what they set up."""
 RUN_RAYS = 256
@@ -120,7 +122,7 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     away = math.dist(origins[0], bvh.centre) * bvh.scale
-    if len(origins) > 1 or n < FEW_RAYS_PER_LEAF * len(bvh.used):
+    if len(origins) > 1 or n < FEW_RAYS_PER_LEAF * len(bvh.used) or away > FAR:
         directions = of_usual_length(directions)
         asked = bvh, origins, directions, face_ids, distances
         together(cast_singles, n_blocks(n, BLOCK_LINES), *asked, own=lambda: make_lines(bvh))

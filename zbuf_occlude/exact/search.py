@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.exact.bvh import Bvh
 from zbuf_occlude.exact.hide import NEAR_EYE, classify, find_hidden, hide_by_faces, hide_by_points, mark_near_points
 from zbuf_occlude.exact.layout import (
@@ -57,7 +57,7 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
     sizes = len(bvh.used), len(bvh.n_children)
     together(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
     if (views.n_frames > 1).any():
-        _look_along(bvh, points, eyes, np.nonzero(answer == NEAR_EYE), answer)
+        answer_pairs(bvh, points.positions, points.face_ids, eyes, np.nonzero(answer == NEAR_EYE), answer)
     return answer.view(bool)
 
 
@@ -68,16 +68,21 @@ def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -
     for first in range(0, len(eyes), n_eyes):
         some = np.arange(first, min(first + n_eyes, len(eyes)))
         pairs = np.repeat(some, len(order)), np.tile(order.astype(np.int64), len(some))
-        _look_along(bvh, points, eyes, pairs, answer)
+        answer_pairs(bvh, points.positions, points.face_ids, eyes, pairs, answer)
     return answer.view(bool)
 
 
-def _look_along(
-    bvh: Bvh, points: SurfacePoints, eyes: FloatArray, pairs: tuple[Int64, ...], answer: NDArray[np.uint8]
+def answer_pairs(
+    bvh: Bvh,
+    positions: FloatArray,
+    face_ids: IntArray,
+    eyes: FloatArray,
+    pairs: tuple[Int64, ...],
+    answer: NDArray[np.uint8],
 ) -> None:
     """Write the answers of pairs of eye and point, two arrays of their numbers, to (k, n)."""
     if len(pairs[0]):
-        asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), pairs[0], pairs[1], answer
+        asked = positions, face_ids, np.ascontiguousarray(eyes), pairs[0], pairs[1], answer
         together(_look_along_lines, n_blocks(len(pairs[0]), BLOCK_LINES), bvh, *asked, own=lambda: make_lines(bvh))
 
 

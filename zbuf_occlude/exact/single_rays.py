@@ -3,10 +3,11 @@
 The rays of a block take a step each, of one kind at a time: nodes, leaves, faces. While the memory that a step needs is
 fetched, those of other rays are taken, and hardly any branch depends on what a test says.
 
-What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it. What
-is left is asked of `predicates.meeting`, the definition itself, so face and distance are the oracle's, ties included.
+What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it. The
+definition itself, `predicates.meeting`, decides what is left, so face and distance are the oracle's, ties included.
 All float32 happens in scene space from the place where a ray enters the scene's sphere, however far away it begins, so
-that no coordinate exceeds about 1.
+that no coordinate exceeds about 1. The boxes widen with the rounding of that place; rays from beyond `FAR` test boxes
+only.
 """
 
 import math
@@ -15,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.exact.bvh import Bvh
+from zbuf_occlude.exact.bvh import Bvh, corners_of
 from zbuf_occlude.exact.layout import ENDLESS, LEAF, UPPER, ZERO, Float32, Int64
-from zbuf_occlude.geometry.predicates import meeting
+from zbuf_occlude.geometry.predicates import is_nearer, meeting
 from zbuf_occlude.jit.compiler import inlined, inner, merged, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import (
@@ -56,7 +57,7 @@ LEAST = np.float32(1e-30)
 """No box is nearer: with a lane's number in its last bits, too, this is a normal number."""
 SPHERE = 1.01
 """Radius of a sphere that holds the scene, with room for rounding."""
-FARTHEST = np.float32(4.0)
+FARTHEST = 4.0
 """No ray is longer than this within the sphere."""
 MARGIN = np.float32(2e-6)
 """Scene units by which boxes are larger than they are. Rounding the box, the ray's inverse and offset, and
@@ -72,6 +73,10 @@ DISTANCE_ERROR = np.float32(16e-6)
 """Of distance x slope, likewise: twice that of the slope, and four times once more for the distance it is held to."""
 SPREAD = np.float32(1.8)
 """A ray is farther from a face than the face is large where the sum of its moment's components is, this many times."""
+FAR = 1e6
+"""Scene units. The start of a ray that begins farther away is too inexact for a test of faces in float32."""
+FAR_ERROR = 4e-15
+"""Error of a ray's start and of its distances, as a share of its origin's distance."""
 LEAST_DIRECTION = 1e-9
 """Components of a unit direction smaller than this count as this: it moves no place within the scene by 1e-8."""
 
@@ -83,6 +88,7 @@ class RayBlock(NamedTuple):
     directions: FloatArray  # (3 n,)
     points: FloatArray  # (3 n,) where lines of sight end
     fractions: FloatArray  # (n,) how many directions to go, or how many away the nearest face so far is
+    errors: FloatArray  # (n,) error bounds of these
     skipped: FloatArray  # (n,) scene units before the start
     units: FloatArray  # (n,) scene units per direction
     own: Int64  # (n,) the points' faces, which do not hide them
@@ -111,6 +117,7 @@ def make_lines(bvh: Bvh) -> RayBlock:
         directions=np.empty(3 * n),
         points=np.empty(3 * n),
         fractions=np.empty(n),
+        errors=np.empty(n),
         skipped=np.empty(n),
         units=np.empty(n),
         own=np.empty(n, dtype=np.int64),
@@ -142,7 +149,7 @@ def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
             for axis in range(3):
                 lines.origins[3 * i + axis] = origins[o, axis]
                 lines.directions[3 * i + axis] = directions[first + i, axis]
-            lines.fractions[i], lines.own[i] = np.inf, -1
+            lines.fractions[i], lines.errors[i], lines.own[i] = np.inf, 0.0, -1
         walk(bvh, lines, last - first, _keep_nearer)
         for i in range(last - first):
             d = triple(lines.directions, i)
@@ -158,16 +165,13 @@ def triple(numbers, i):
 
 @inlined
 def _keep_nearer(bvh, lines, i, candidate, a, b, c):
-    found = meeting(triple(lines.origins, i), triple(lines.directions, i), a, b, c)
-    lines.faces[i], lines.fractions[i] = nearer(found, candidate, lines.faces[i], lines.fractions[i])
-
-
-@inlined
-def nearer(found, candidate, face, fraction):
-    """Return the nearer of a candidate, met at `found`, and the nearest face so far, and where; the lower of ties."""
-    if found < fraction or (found == fraction and found < math.inf and candidate < face):
-        return np.int64(candidate), found
-    return face, fraction
+    origin, direction, face = triple(lines.origins, i), triple(lines.directions, i), lines.faces[i]
+    found, error = meeting(origin, direction, a, b, c)
+    if is_nearer(
+        *(origin, direction, candidate, found, error, face, lines.fractions[i], lines.errors[i]),
+        *((a, b, c), corners_of(bvh, max(face, 0))),
+    ):
+        lines.faces[i], lines.fractions[i], lines.errors[i] = candidate, found, error
 
 
 @merged
@@ -205,19 +209,20 @@ def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
         along = -(u * x + v * y + w * z)
         ahead, before = max(along, 0.0), max(along - SPHERE, 0.0)
         p, q, r = u + ahead * x, v + ahead * y, w + ahead * z  # the closest to the scene's centre
-        radius = SPHERE + 1e-15 * (abs(u) + abs(v) + abs(w))
+        away = abs(u) + abs(v) + abs(w)
+        radius = SPHERE + FAR_ERROR * away
         skipped[i] = before if p * p + q * q + r * r <= radius * radius else np.inf
         units[i] = scale * length / shrink
-        _set_up_axis(rays, i, 0, u + before * x, x)
-        _set_up_axis(rays, i, 1, v + before * y, y)
-        _set_up_axis(rays, i, 2, w + before * z, z)
+        _set_up_axis(rays, i, 0, u + before * x, x, away)
+        _set_up_axis(rays, i, 1, v + before * y, y, away)
+        _set_up_axis(rays, i, 2, w + before * z, z, away)
 
 
 @inlined
-def _set_up_axis(rays, i, axis, start, direction):
+def _set_up_axis(rays, i, axis, start, direction, away):
     inverse = 1.0 / (direction if abs(direction) > LEAST_DIRECTION else LEAST_DIRECTION)
-    margin = MARGIN * abs(inverse)
-    rays[(START + axis) * BLOCK_LINES + i] = start
+    margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
+    rays[(START + axis) * BLOCK_LINES + i] = start if away < FAR else np.nan  # NaN: every face of a leaf may be met
     rays[(DIRECTION + axis) * BLOCK_LINES + i] = direction
     rays[(INVERSE + axis) * BLOCK_LINES + i] = inverse
     rays[(ENTERS + axis) * BLOCK_LINES + i] = -start * inverse - margin
@@ -237,8 +242,9 @@ def _begin(lines, n):
 @inlined
 def _set_limit(lines, i):
     """Note how far from its start a line need be followed, scene units, rounded up; NaN for one that misses."""
-    distance = lines.fractions[i] * lines.units[i] - lines.skipped[i]
-    limit = FARTHEST if distance > FARTHEST else np.float32(distance * (1.0 + 4e-6)) + MARGIN
+    more = 2.0 * FAR_ERROR * lines.skipped[i]
+    distance = min(lines.fractions[i] * lines.units[i] - lines.skipped[i], FARTHEST)
+    limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
     put_item(lines.rays, LIMIT * BLOCK_LINES + i, limit)
     return limit
 

@@ -1,26 +1,121 @@
 """THE definition of "blocked" and of "hit": does a face block a line of sight, and where does a ray meet it?
 
-Signed volumes, in float64. `exact_hsr` (the paper's perpendicular planes) must not import this file:
-the two formulations check each other.
+Yes and no, and the order of hits, are those of rational arithmetic on the float64 numbers given (`determinants`). Only
+distances are rounded: to a relative 1e-8. `exact_hsr` (the paper's perpendicular planes) must not import this file: the
+two formulations check each other.
+
+A line passes through the closed triangle abc iff none of the volumes that it spans with the edges bc, ca and ab has
+another sign than the others. Their sum is d . n, n the face's normal and d the line's direction: all three are zero for
+a line within the face's plane, which no face blocks (paper Eq. 6 has no solution).
 """
 
 import math
 
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.vec3 import cross, dot, minus
+from zbuf_occlude.geometry.determinants import CLEAR, SIGN, compare_quotients, determinant, filtered, low_part
+from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.jit.vec3 import dot, minus
+
+EXACTLY = (0.0, 0.0, 0.0)
+"""Low part of a row that was not rounded."""
+IN_DOUBT = 2
+ROUNDING = 1e-15
+"""Relative error of a quotient of two numbers without error, and of a sum with it; with room."""
 
 
-@njit(inline="always")
-def volumes(origin, direction, a, b, c):
-    """Six times the signed volumes that a line spans with the edges bc, ca and ab, its origin taken as 0."""
-    a_, b_, c_ = minus(a, origin), minus(b, origin), minus(c, origin)
-    return dot(direction, cross(b_, c_)), dot(direction, cross(c_, a_)), dot(direction, cross(a_, b_))
+@inlined
+def passes(origin, direction, a, b, c):
+    """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not; or `IN_DOUBT`.
+
+    The volume of an edge pq, d . ((p - o) x (q - o)), is d . ((p - o) x (q - p)), whose products are smaller from afar.
+    """
+    u, u_error = filtered(direction, minus(b, origin), minus(c, b))
+    v, v_error = filtered(direction, minus(c, origin), minus(a, c))
+    w, w_error = filtered(direction, minus(a, origin), minus(b, a))
+    above = (u > u_error) | (v > v_error) | (w > w_error)
+    below = (u < -u_error) | (v < -v_error) | (w < -w_error)
+    if above & below:
+        return 0
+    if (abs(u) > u_error) & (abs(v) > v_error) & (abs(w) > w_error):
+        return 1 if above else -1
+    return IN_DOUBT
 
 
-@njit(inline="always")
-def of_one_sign(u, v, w):
-    """Whether none of three numbers has the other sign; without branches, so that several can be asked at a time."""
-    return ((u >= 0.0) & (v >= 0.0) & (w >= 0.0)) | ((u <= 0.0) & (v <= 0.0) & (w <= 0.0))
+@njit()
+def passes_exactly(origin, direction, direction_low, a, b, c):
+    """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not."""
+    u, v, w = _side(origin, direction, b, c), _side(origin, direction, c, a), _side(origin, direction, a, b)
+    side = 0
+    for sign in (u, v, w):  # those that the filter tells, first: most triangles are missed
+        if sign != IN_DOUBT:
+            if side * sign < 0:
+                return 0
+            side = sign
+    if u == IN_DOUBT:
+        u = side_of_edge(origin, direction, direction_low, b, c)
+        if side * u < 0:
+            return 0
+        side = side if u == 0 else u
+    if v == IN_DOUBT:
+        v = side_of_edge(origin, direction, direction_low, c, a)
+        if side * v < 0:
+            return 0
+        side = side if v == 0 else v
+    if w == IN_DOUBT:
+        w = side_of_edge(origin, direction, direction_low, a, b)
+        if side * w < 0:
+            return 0
+        side = side if w == 0 else w
+    return side
+
+
+@inlined
+def _side(origin, direction, p, q):
+    volume, error = filtered(direction, minus(p, origin), minus(q, p))
+    return 1 if volume > error else (-1 if volume < -error else IN_DOUBT)
+
+
+@inner
+def side_of_edge(origin, direction, direction_low, p, q):
+    """Side, 1, 0 or -1, on which a line passes the edge pq."""
+    to_p, to_q, pq = minus(p, origin), minus(q, origin), minus(q, p)
+    p_low = low_part(p, origin, to_p)
+    if (direction == to_p and direction_low == p_low) or (
+        direction == to_q and direction_low == low_part(q, origin, to_q)
+    ):  # a ray aimed at a corner, without rounding
+        return 0
+    volume = determinant(SIGN, direction, direction_low, to_p, p_low, pq, low_part(q, p, pq))
+    return 1 if volume > 0.0 else (-1 if volume < 0.0 else 0)
+
+
+@inlined
+def side_of_ray(origin, direction, a, b, c):
+    """Side from which a ray's line passes through the closed triangle abc, 1 or -1, exactly; 0 where it does not."""
+    side = passes(origin, direction, a, b, c)
+    if side == IN_DOUBT:
+        side = passes_exactly(origin, direction, EXACTLY, a, b, c)
+    return side
+
+
+@inner
+def _height(point, a, b, c):
+    """Determinant of a point's height over the face abc, with the exact sign and a relative error below 1e-9."""
+    p, ab, ac = minus(point, a), minus(b, a), minus(c, a)
+    height, error = filtered(p, ab, ac)
+    if not abs(height) > CLEAR * error:
+        height = determinant(CLEAR, *_height_rows(point, a, b, c))
+    return height
+
+
+@inlined
+def _height_rows(point, a, b, c):
+    p, ab, ac = minus(point, a), minus(b, a), minus(c, a)
+    return p, low_part(point, a, p), ab, low_part(b, a, ab), ac, low_part(c, a, ac)
+
+
+@inlined
+def _slope_rows(direction, a, b, c):
+    ab, ac = minus(b, a), minus(c, a)
+    return direction, EXACTLY, ab, low_part(b, a, ab), ac, low_part(c, a, ac)
 
 
 @njit()
@@ -36,30 +131,24 @@ def blocks(eye, point, a, b, c, contact):
     Returns
     -------
     bool
+        Exact, but that the meeting point's distance from the point is compared with `contact` in float64, to a relative
+        1e-8.
 
     Notes
     -----
-    With the point as origin, ``u = d . (b x c)``, ``v = d . (c x a)``, ``w = d . (a x b)`` are six times the signed
-    volumes that the line spans with the three edges. (With the eye as origin the products would cancel with the square
-    of its distance, and eyes 10^4 sizes away would be judged wrongly.) The line passes through the closed triangle iff
-    none of them has the other sign; their sum is ``d . n``. A line within the face's plane (sum zero) is not blocked:
-    Eq. 6 has no solution.
-    The meeting point is at ``height / slope`` of the way from the point to the eye, measured from the *point* so that
-    the comparison with the contact tolerance does not cancel. The two are compared and not divided: divisions are not
-    correctly rounded on every GPU, and blocks64.glsl says the same.
+    Eye and point must be on strictly different sides of the face's plane. The meeting point divides the segment by
+    their heights over it.
     """
     d = minus(point, eye)
-    u, v, w = volumes(point, d, a, b, c)
-    if not of_one_sign(u, v, w):
+    side = passes(point, d, a, b, c)
+    if side == IN_DOUBT:
+        side = passes_exactly(point, d, low_part(point, eye, d), a, b, c)
+    if side == 0:
         return False
-    n = cross(minus(b, a), minus(c, a))
-    slope = dot(d, n)
-    if slope == 0.0 or u + v + w == 0.0:
+    near, far = _height(point, a, b, c), _height(eye, a, b, c)
+    if not ((near > 0.0 > far) | (near < 0.0 < far)):
         return False
-    height = dot(minus(point, a), n)
-    if slope < 0.0:
-        height, slope = -height, -slope
-    return height * math.sqrt(dot(d, d)) > contact * slope and height < slope
+    return near / (near - far) * math.sqrt(dot(d, d)) > contact
 
 
 @njit()
@@ -72,20 +161,128 @@ def meeting(origin, direction, a, b, c):
 
     Returns
     -------
-    float
-        How many times `direction` away the meeting point is, positive; infinity for a ray that misses.
+    fraction : float
+        Multiple of `direction` from the origin to the meeting point, positive; infinity for a ray that misses, which is
+        exact.
+    error : float
+        Bound on the error of `fraction`, at most 1e-8 of it.
 
     Notes
     -----
-    The same signed volumes as in `blocks`, with the ray's origin as theirs: edges shared by two faces do not leak.
     A ray within the face's plane misses it, and so does one that starts on it and does not come back.
     """
-    u, v, w = volumes(origin, direction, a, b, c)
-    if not of_one_sign(u, v, w):
-        return math.inf
-    n = cross(minus(b, a), minus(c, a))
-    slope = dot(direction, n)
-    if slope == 0.0 or u + v + w == 0.0:
-        return math.inf
-    fraction = dot(minus(a, origin), n) / slope
-    return fraction if fraction > 0.0 else math.inf
+    direction = (direction[0], direction[1], direction[2])
+    side = side_of_ray(origin, direction, a, b, c)
+    if side == 0:
+        return math.inf, 0.0
+    fraction, error = meeting_with_plane(origin, direction, a, b, c)
+    return (fraction, error) if fraction > 0.0 else (math.inf, 0.0)
+
+
+@inner
+def meeting_with_plane(origin, direction, a, b, c):
+    """Multiple of `direction`, with the exact sign, at which a line meets the plane of a face that it passes through.
+
+    Returns
+    -------
+    fraction, error : float
+        The error is at most 1e-8 of the fraction.
+    """
+    to_a, ab, ac = minus(a, origin), minus(b, a), minus(c, a)
+    height, height_error = filtered(to_a, ab, ac)
+    slope, slope_error = filtered(direction, ab, ac)
+    if not abs(height) > CLEAR * height_error:
+        height = -determinant(CLEAR, *_height_rows(origin, a, b, c))
+        height_error = abs(height) / CLEAR
+    if not abs(slope) > CLEAR * slope_error:
+        slope = determinant(CLEAR, *_slope_rows(direction, a, b, c))
+        slope_error = abs(slope) / CLEAR
+    if height == 0.0:
+        return 0.0, 0.0
+    fraction = height / slope
+    return fraction, abs(fraction) * (height_error / abs(height) + slope_error / abs(slope) + ROUNDING)
+
+
+@inner
+def is_nearer(
+    origin, direction, face, fraction, error, other_face, other_fraction, other_error, corners, other_corners
+):
+    """Whether a ray meets a face before another face: nearer, or as near and with the lower id.
+
+    Parameters
+    ----------
+    origin, direction : tuples or arrays of 3 float64, world space
+    face, other_face : int
+    fraction, error, other_fraction, other_error : float
+        As `meeting` returns them; infinity where the other one does not exist.
+    corners, other_corners : tuples of 3 corners
+
+    Returns
+    -------
+    bool, exact
+    """
+    if fraction + error < other_fraction - other_error:
+        return True
+    if fraction - error > other_fraction + other_error or fraction == math.inf:
+        return False
+    order = compare_meetings(origin, direction, corners, other_corners)
+    return order < 0 or (order == 0 and face < other_face)
+
+
+@njit()
+def compare_meetings(origin, direction, corners, other_corners):
+    """Return -1, 0 or 1, exactly: a ray that meets two faces meets the first before, with or after the other."""
+    direction = (direction[0], direction[1], direction[2])
+    a, b, c = corners
+    d, e, f = other_corners
+    if _meet_at_once(origin, direction, corners, other_corners):
+        return 0
+    # the height's rows begin at the face, so both quotients are negated
+    return -compare_quotients(
+        _height_rows(origin, a, b, c),
+        _slope_rows(direction, a, b, c),
+        _height_rows(origin, d, e, f),
+        _slope_rows(direction, d, e, f),
+    )
+
+
+@njit()
+def _meet_at_once(origin, direction, corners, other_corners):
+    """Whether two faces that a ray meets have the same corners, or share an edge or a corner that it meets."""
+    a, b, c = corners
+    has_a, has_b, has_c = _is_among(a, other_corners), _is_among(b, other_corners), _is_among(c, other_corners)
+    if has_a & has_b & has_c:
+        return True
+    if (
+        (has_a & has_b and _meets_edge(origin, direction, a, b))
+        or (has_b & has_c and _meets_edge(origin, direction, b, c))
+        or (has_c & has_a and _meets_edge(origin, direction, c, a))
+    ):
+        return True
+    return (
+        (has_a and _meets_edge(origin, direction, a, b) and _meets_edge(origin, direction, a, c))
+        or (has_b and _meets_edge(origin, direction, b, c) and _meets_edge(origin, direction, b, a))
+        or (has_c and _meets_edge(origin, direction, c, a) and _meets_edge(origin, direction, c, b))
+    )
+
+
+@inlined
+def _is_among(corner, corners):
+    return corner == corners[0] or corner == corners[1] or corner == corners[2]
+
+
+@inner
+def _meets_edge(origin, direction, a, b):
+    """Whether a ray that meets a face meets the line through two of its corners."""
+    return side_of_edge(origin, direction, EXACTLY, a, b) == 0
+
+
+@njit()
+def is_flat(a, b, c):
+    """Whether three positions lie on one line, exactly."""
+    ab, ac = minus(b, a), minus(c, a)
+    ab_low, ac_low = low_part(b, a, ab), low_part(c, a, ac)
+    for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        if determinant(SIGN, axis, EXACTLY, ab, ab_low, ac, ac_low) != 0.0:
+            return False
+    return True

@@ -230,7 +230,7 @@ class Work(NamedTuple):
     boxes: int = 0  # tested against a packet's shaft, as are triangles
     triangles: int = 0
     tests: int = 0  # of a triangle by all points of a packet
-    doubts: int = 0  # of a triangle by one point, decided in float64
+    doubts: int = 0  # of a triangle by one point, tested in float64
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class ExactPass:
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
         self._shapes = SOFTWARE if gl.is_software else HARDWARE
         self.work = Work()
-        self._contact, self._diagonal = contact, mesh.diagonal
+        self._contact = contact
         self._counting = counting
         self._limit = block_limit(gl)
         self._groups_per_second = _FIRST_GROUPS / DISPATCH_SECONDS
@@ -297,33 +297,39 @@ class ExactPass:
         return uploaded
 
     def visible(self, points: PointPackets, eyes: FloatArray) -> BoolArray:
-        """Answer which points each eye (k, 3), world space, sees: (k, n) bool."""
+        """Answer which points no face surely hides from each eye (k, 3), world space, and which of these are undecided.
+
+        Returns
+        -------
+        (2, k, n) bool
+            Undecided are those that a face may hide, too near its edge or plane for float64 to tell.
+        """
         program = self._program(points.shape)
-        answer = np.empty((len(eyes), points.n_points), dtype=np.bool_)
+        answer = np.empty((2, len(eyes), points.n_points), dtype=np.bool_)
         with Buffers(self._gl, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
             eye_buffer.bind(eyes=6)
             for part, n_packets, buffers in points.parts:
                 buffers.bind(points=3, exact=4, packets=5)
-                self._answer(program, n_packets, answer[:, part])
+                self._answer(program, n_packets, answer[:, :, part])
         return answer
 
     def _program(self, shape: Shape) -> Any:
         """Return the pass for a shape, which the context compiles when it is first needed."""
         program = self._gl.program("exact.comp", **shader_constants(shape, self._counting))
         program["contact"].value = self._contact * self._unit.scale
-        program["contact64"].value, program["diagonal64"].value = self._contact, self._diagonal
+        program["contact64"].value = self._contact
         return program
 
     def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
-        """Answer for the points bound, into (k, n)."""
-        k, n = answer.shape
+        """Answer for the points bound, into (2, k, n)."""
+        _, k, n = answer.shape
         words = -(-n // 32)
-        # a row of bits per eye, and the list of the unfinished: at most all pairs of eye and packet
-        row, limit = max(4 * words, 8 * n_packets), answer_limit(self._gl) - 4 * _HEAD
+        # two rows of bits per eye, and the list of the unfinished: at most all pairs of eye and packet
+        row, limit = max(8 * words, 8 * n_packets), answer_limit(self._gl) - 4 * _HEAD
         most = max(1, min(limit // row, _MAX_GROUPS, k))
         program["n_packets"].value = n_packets
         program["words"].value = words
-        bits = np.empty((most, words), dtype=np.uint32)
+        bits = np.empty((most, 2, words), dtype=np.uint32)
         with Buffers(self._gl, bits=bits.nbytes, unfinished=8 * most * n_packets + 4 * _HEAD) as buffer:
             buffer.bind(bits=7, unfinished=9)
             first = 0
@@ -338,9 +344,9 @@ class ExactPass:
                 buffer.read_into("bits", bits[: last - first])
                 groups = (last - first) * n_packets * len(self._face_parts)
                 self._groups_per_second = groups / max(time.perf_counter() - began, 1e-6)
-                np.invert(bits, out=bits)
-                unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=1, count=n, bitorder="little")
-                answer[first:last] = unpacked.view(np.bool_)
+                unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=2, count=n, bitorder="little")
+                hidden, undecided = unpacked.view(np.bool_).transpose(1, 0, 2)
+                answer[:, first:last] = ~hidden, undecided & ~hidden
                 first = last
 
     def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:

@@ -136,7 +136,7 @@ def _choose(tasks, candidates, corners, origins, directions, face_ids, fractions
                 if face < 0 or face == face_ids[i]:
                     continue
                 f = corners[face]
-                at = meeting(origins[i], directions[i], f[0], f[1], f[2])
+                at, _ = meeting(origins[i], directions[i], f[0], f[1], f[2])
                 if at < fractions[i] or (at == fractions[i] and at < np.inf and face < face_ids[i]):
                     face_ids[i], fractions[i] = face, at
         first, last = take_block(tasks, len(origins), BLOCK)

@@ -184,6 +184,16 @@ def muladd(typing_context, a, b, c):
 
 
 @intrinsic
+def fma(typing_context, a, b, c):
+    """a * b + c of three float64, rounded once on every machine."""
+
+    def codegen(context, builder, signature, args):
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), codegen
+
+
+@intrinsic
 def splat(typing_context, value):
     """One number in all 16 lanes."""
 

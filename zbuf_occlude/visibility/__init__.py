@@ -85,7 +85,6 @@ METHODS = Methods(
             "exact_hsr",
             "paper 3.5: every point against all faces by planes and perpendicular planes",
             "zbuf_occlude.visibility.exact_hsr:prepare",
-            exact=True,
             no_first_hits="the paper asks whether a point is hidden, not what hides it first",
         ),
         Method(

@@ -1,12 +1,10 @@
 """`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
 
-import numpy as np
-
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -16,7 +14,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
 
 
 class Exact(Occluder):
-    """Packets of points against clusters of faces, both projected; float32 where its sign is certain, float64 else."""
+    """Packets of points against leaves of faces, both projected: float32 where it is certain, else the definition."""
 
     _measures_directions = True  # as its threads come to them
 
@@ -30,6 +28,4 @@ class Exact(Occluder):
         return self._engine.visible(points, eyes)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        origins, skipped = come_nearer(self.mesh, origins, directions)
-        face_ids, distances = self._engine.first_hits(origins, directions)
-        return FirstHits(face_ids, distances + skipped if np.ndim(skipped) else distances)
+        return FirstHits(*self._engine.first_hits(origins, directions))

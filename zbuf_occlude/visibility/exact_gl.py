@@ -2,8 +2,11 @@
 
 from typing import Any
 
+import numpy as np
+
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
+from zbuf_occlude.exact import Engine
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.exact_pass import ExactPass, PointPackets
@@ -21,9 +24,10 @@ class ExactGl(Occluder):
 
     Notes
     -----
-    Equal to the oracle on every pair of eye and point, in the boundary band too: a sign that float32 might get wrong
-    (by a bound on all roundings, the inputs' included) is decided by the oracle's own formula in float64. That is so
-    for any eye, inside the bounding sphere and close to the surface too, and any mesh.
+    Exact, for any eye, inside the bounding sphere and close to the surface too, and any mesh. A sign that float32 might
+    get wrong (by a bound on all roundings, the inputs' included) is computed in float64. A pair whose sign float64
+    might get wrong comes back undecided, as one more bit; `exact` on the CPU decides it. `n_undecided` counts these
+    pairs: lines of sight within rounding of an edge or in a face's plane, and those of points far away.
 
     Points are cut along a space-filling curve into packets. For each packet and eye the faces between the two are
     listed and each point tests them; nothing is binned for a whole screen, so nothing can overflow, and faces of any
@@ -44,15 +48,22 @@ class ExactGl(Occluder):
         self._gl, self.renderer = gl, gl.renderer
         gl.make_current()
         self._last: tuple[SurfacePoints, PointPackets] | None = None
-        self._pass = ExactPass(gl, mesh, contact * mesh.diagonal)
+        self._contact = contact * mesh.diagonal
+        self._pass = ExactPass(gl, mesh, self._contact)
+        self._engine: Engine | None = None
+        self.n_undecided = 0
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
         if self._last is None or self._last[0] is not points:  # points are immutable: the same ones are there still
             self._forget()
             self._last = points, self._pass.upload(points.positions, points.face_ids)
-        answer = self._pass.visible(self._last[1], eyes)
+        answer, undecided = self._pass.visible(self._last[1], eyes)
         self._gl.check()
+        if undecided.any():
+            self.n_undecided += int(undecided.sum())
+            self._engine = self._engine or Engine(self.mesh, self._contact)
+            self._engine.answer_pairs(points.positions, points.face_ids, eyes, np.nonzero(undecided), answer)
         return answer
 
     def _forget(self) -> None:

@@ -54,9 +54,9 @@ class ExactHsr(Occluder):
 
     Notes
     -----
-    Exact with ``cull="none"`` and ``cull="first"``: equal to `oracle` outside the boundary band, by another
-    formulation. With ``cull="second"`` points may be taken for visible that a face hides whose nearest sample is
-    farther than they are (`zbuf_occlude.object_space.distances`).
+    With ``cull="none"`` and ``cull="first"`` equal to `oracle` outside the boundary band, by another formulation in
+    float64: a line may leak within rounding of an edge or corner. With ``cull="second"`` points may be taken for
+    visible that a face hides whose nearest sample is farther than they are (`zbuf_occlude.object_space.distances`).
 
     O(k n f) time, as the paper's; all cores share the points, as in `oracle`. The rounding bounds of
     `zbuf_occlude.object_space.planes` grow with the thinness of a face: around slivers thinner than 1e-10 of their

@@ -30,9 +30,6 @@ _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int
 FARTHEST = 1e15
 """Diagonals of the mesh that points and eyes may be away from it."""
 
-FAR = 1000.0
-"""Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
-
 EYES_INSIDE = (
     "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
     "views.around(mesh.centre, mesh.longest_side)."
@@ -241,7 +238,7 @@ class Method:
     factory : str
         ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
     exact : bool
-        Whether it equals the oracle outside the boundary band.
+        Whether it answers as rational arithmetic does, for every line.
     needs_gl : bool
     needs_faces : bool
         Whether it looks at the mesh's faces; one that does not can be prepared with a point cloud.
@@ -335,23 +332,6 @@ def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:
     if max(positions.max() - lowest, highest - positions.min()) <= reach:
         return True  # nearly always, and told without a copy
     return bool(np.abs(positions - mesh.centre).max() <= reach)
-
-
-def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
-    """Let rays that begin far away begin where they come near the mesh; return origins, and how far they moved.
-
-    R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
-    than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
-    """
-    if are_within(mesh, origins, FAR * (mesh.diagonal or np.inf)):
-        return origins, 0.0
-    away = origins - mesh.centre
-    directions = of_usual_length(directions)
-    directions = directions / np.abs(directions).max(axis=1, keepdims=True)
-    units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    far = np.abs(away).max(axis=1) > FAR * mesh.diagonal
-    skipped = np.where(far, np.maximum(-(away * units).sum(axis=1) - mesh.diagonal, 0.0), 0.0)
-    return origins + skipped[:, None] * units, skipped
 
 
 def _kind(value: Any) -> str:

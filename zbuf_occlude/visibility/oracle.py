@@ -1,4 +1,4 @@
-"""`oracle`: the judge. Every point and every ray against every face, in float64, by the definition itself."""
+"""`oracle`: the reference. Every point and every ray against every face, by the definition itself."""
 
 import math
 from collections.abc import Iterator
@@ -9,22 +9,15 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.predicates import blocks, meeting, of_one_sign, volumes
+from zbuf_occlude.geometry.predicates import blocks, is_nearer, meeting, passes
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
 from zbuf_occlude.jit.threads import shared, take, together
-from zbuf_occlude.jit.vec3 import minus
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
+from zbuf_occlude.jit.vec3 import dot, minus
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 RUN = 64
-"""Faces that a line is held against at a time."""
-
-ROUNDING = 1e-6
-"""A box is wider than its faces by this share of reach^2 / side, `reach` being how far the point is from mesh or
-eye: `blocks`, whose products cancel with the square of that distance, takes a point 10^8 sides away through faces that
-the line passes a side away. That is float64's rounding, 10^10 times, which costs nothing."""
-_TINY = 1e-200
-"""Lengths below it count as this, so that no division overflows."""
+"""Faces tested per vectorised step."""
 
 SLANT = 5.0
 """A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
@@ -35,7 +28,7 @@ BAND = 1e-6
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Oracle":
-    """Make the judge of a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
+    """Make the oracle of a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
     check_fraction("contact", contact)
     return Oracle(mesh, contact)
 
@@ -45,8 +38,8 @@ class Oracle(Occluder):
 
     Notes
     -----
-    Exact up to float64 rounding of signed volumes (`geometry.predicates.blocks`); edges shared by two faces do
-    not leak. Costs O(k n f) time in the worst case and no memory beyond the answer; runs on all cores.
+    Exact: the answers of rational arithmetic (`geometry.predicates`). Costs O(k n f) time in the worst case and no
+    memory beyond the answer; runs on all cores.
     """
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
@@ -58,41 +51,11 @@ class Oracle(Occluder):
         return _visible(self.mesh, points.face_ids, targets, eyes, self.contact)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        origins, skipped = come_nearer(self.mesh, origins, directions)
-        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
-        face_ids, fractions, _ = _nearest(self.mesh.corners, origins, directions)
-        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1) + skipped)
-
-    def decided_hits(self, origins: FloatArray, directions: FloatArray, width: float = BAND) -> BoolArray:
-        """Say which rays' first hits do not hang on a hair; those that do are the boundary band of rays.
-
-        Parameters
-        ----------
-        origins : (n, 3) or (1, 3) float
-            World space.
-        directions : (n, 3) float
-            World space.
-        width : float
-            As a fraction of the mesh's diagonal.
-
-        Returns
-        -------
-        (n,) bool
-            True where the face named stays the same with the whole ray moved by `width` in eight directions across it
-            and its origin by the contact tolerance along it, either way, and no other face meets the ray within the
-            contact tolerance of it.
-        """
-        directions = np.asarray(directions, dtype=np.float64)
-        origins, _ = come_nearer(self.mesh, np.asarray(origins, dtype=np.float64), directions)
-        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
-        lengths = np.linalg.norm(directions, axis=1)
-        first, nearest, second = _nearest(self.mesh.corners, origins, directions)
-        with np.errstate(invalid="ignore"):  # no hit at all: infinity less infinity
-            still = ~((second - nearest) * lengths <= self.contact)
-        along = self.contact * directions / lengths[:, None]
-        for shift in (*_across(directions, width * self.mesh.diagonal), along, -along):
-            still &= _nearest(self.mesh.corners, origins + shift, directions)[0] == first
-        return still
+        face_ids, distances = np.empty(len(directions), dtype=np.int32), np.empty(len(directions))
+        together(
+            _meet, len(directions), _runs_of(self.mesh), self.mesh.corners, origins, directions, face_ids, distances
+        )
+        return FirstHits(face_ids, distances)
 
     def decided(self, points: SurfacePoints, eyes: FloatArray, width: float = BAND) -> BoolArray:
         """Say where the answer does not hang on a hair; what is not decided is the boundary band.
@@ -110,7 +73,7 @@ class Oracle(Occluder):
         -------
         (k, n) bool
             True where the answer stays the same with the point's end of the line moved by `width` in eight directions
-            across it, and with the contact tolerance halved and doubled (DESIGN.md section 2).
+            across it, and with the contact tolerance halved and doubled (docs/conventions.md).
         """
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
@@ -185,47 +148,39 @@ class _Runs(NamedTuple):
 
     corners: FloatArray  # (m, 9, RUN)
     boxes: FloatArray  # (m, 6) lower and upper corners of what each holds
-    centre: FloatArray  # (3,) of the mesh
-    side: float  # the mesh's longest
+
+
+def _runs_of(mesh: Mesh) -> _Runs:
+    n_runs = -(-len(mesh.faces) // RUN)
+    faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)
+    corners = np.ascontiguousarray(mesh.corners.take(faces, axis=0).reshape(n_runs, RUN, 9).transpose(0, 2, 1))
+    coordinates = corners.reshape(n_runs, 3, 3, RUN)
+    return _Runs(corners, np.concatenate([coordinates.min(axis=(1, 3)), coordinates.max(axis=(1, 3))], axis=1))
 
 
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
-    n_runs = -(-len(mesh.faces) // RUN)
-    faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)
-    corners = np.ascontiguousarray(mesh.corners.take(faces, axis=0).reshape(n_runs, RUN, 9).transpose(0, 2, 1))
-    coordinates = corners.reshape(n_runs, 3, 3, RUN)
-    boxes = np.concatenate([coordinates.min(axis=(1, 3)), coordinates.max(axis=(1, 3))], axis=1)
-    runs = _Runs(corners, boxes, np.array(mesh.centre), max(mesh.longest_side, _TINY))
-    together(_look, len(own), mesh.corners, runs, own, targets, eyes, contact, answer)
+    together(_look, len(own), mesh.corners, _runs_of(mesh), own, targets, eyes, contact, answer)
     return answer
 
 
 @shared
 def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
-    """Take point after point, and for each eye ask every face about it in whose run's box the line of sight is."""
+    """Take point after point, and for each eye ask the definition of every face."""
     i = take(tasks)
     while i < len(own):
         for j in range(len(eyes)):
-            eye = (eyes[j, 0], eyes[j, 1], eyes[j, 2])
-            point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
-            direction = minus(eye, point)
-            inverse = (_inverse(direction[0]), _inverse(direction[1]), _inverse(direction[2]))
-            reach = max(runs.side, max(_largest(direction), _largest(minus(point, runs.centre))))
-            slack = ROUNDING * (reach / runs.side * reach + ROUNDING * _largest(point))
+            eye, point = _triple(eyes[j]), _triple(targets[j, i])
+            low, high = _least(eye, point), _most(eye, point)
+            direction = minus(point, eye)
             answer[j, i] = True
             for run in range(len(runs.boxes)):
-                if not _enters(runs.boxes[run], slack, point, inverse):
-                    continue
-                if not _passes_any(runs.corners[run], eye, point):
+                if _are_apart(runs.boxes[run], low, high) or not _may_pass(runs.corners[run], point, direction):
                     continue
                 for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
-                    t = corners[face]
-                    a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
-                    if face == own[i] or not blocks(eye, point, a, b, c, contact):
-                        continue
-                    if _enters(_box_of(a, b, c), slack, point, inverse):  # else it blocks by rounding only
+                    a, b, c = _corners_of(corners, face)
+                    if face != own[i] and blocks(eye, point, a, b, c, contact):
                         answer[j, i] = False
                         break
                 if not answer[j, i]:
@@ -233,72 +188,67 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
         i = take(tasks)
 
 
-@inner
-def _inverse(number):
-    """1 / number, finite."""
-    return 1.0 / number if abs(number) > _TINY else math.copysign(1.0 / _TINY, number)
-
-
-@inner
-def _largest(a):
-    return max(abs(a[0]), max(abs(a[1]), abs(a[2])))
-
-
-@inner
-def _box_of(a, b, c):
-    """The box of a face, as `_enters` takes it."""
-    x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
-    return min(x), min(y), min(z), max(x), max(y), max(z)
-
-
-@inner
-def _enters(box, slack, point, inverse):
-    """Whether the line of sight of a point, the inverse of its direction given, meets a box, (6,) low and high."""
-    begin, end = 0.0, 1.0
-    for axis in range(3):
-        one = (box[axis] - slack - point[axis]) * inverse[axis]
-        other = (box[3 + axis] + slack - point[axis]) * inverse[axis]
-        begin, end = max(begin, min(one, other)), min(end, max(one, other))
-    return begin <= end
-
-
-@inner
-def _passes_any(run, eye, point):
-    """Whether the line passes through any face of a run, (9, RUN): what `blocks` asks first, of several at a time."""
-    direction = minus(point, eye)
-    n = 0
-    for i in range(RUN):
-        a = (run[0, i], run[1, i], run[2, i])
-        b = (run[3, i], run[4, i], run[5, i])
-        c = (run[6, i], run[7, i], run[8, i])
-        u, v, w = volumes(point, direction, a, b, c)
-        n += of_one_sign(u, v, w)
-    return n > 0
-
-
-def _nearest(
-    corners: FloatArray, origins: FloatArray, directions: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Of each ray the face met first, how many times its direction away, and the same of the next face."""
-    n = len(directions)
-    first, nearest, second = np.full(n, -1, dtype=np.int32), np.full(n, math.inf), np.full(n, math.inf)
-    together(_meet, n, corners, origins, directions, first, nearest, second)
-    return first, nearest, second
-
-
 @shared
-def _meet(tasks, corners, origins, directions, first, nearest, second):
-    """Take ray after ray, and hold it against every face."""
+def _meet(tasks, runs, corners, origins, directions, face_ids, distances):
+    """Take ray after ray, and ask the definition of every face."""
     i = take(tasks)
     while i < len(directions):
-        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
-        direction = (directions[i, 0], directions[i, 1], directions[i, 2])
-        for face in range(len(corners)):
-            t = corners[face]
-            a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
-            found = meeting(origin, direction, a, b, c)
-            if found < nearest[i]:
-                first[i], nearest[i], second[i] = face, found, nearest[i]
-            elif found < second[i]:
-                second[i] = found
+        origin, direction = _triple(origins[i if len(origins) > 1 else 0]), _triple(directions[i])
+        first, nearest, error = -1, math.inf, 0.0
+        for run in range(len(runs.boxes)):
+            if not _may_pass(runs.corners[run], origin, direction):
+                continue
+            for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
+                own = _corners_of(corners, face)
+                found, found_error = meeting(origin, direction, *own)
+                if is_nearer(
+                    *(origin, direction, face, found, found_error, first, nearest, error),
+                    *(own, _corners_of(corners, max(first, 0))),
+                ):
+                    first, nearest, error = face, found, found_error
+        face_ids[i], distances[i] = first, nearest * math.sqrt(dot(direction, direction))
         i = take(tasks)
+
+
+@inner
+def _triple(row):
+    return row[0], row[1], row[2]
+
+
+@inner
+def _corners_of(corners, face):
+    t = corners[face]
+    return (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+
+
+@inner
+def _least(a, b):
+    return min(a[0], b[0]), min(a[1], b[1]), min(a[2], b[2])
+
+
+@inner
+def _most(a, b):
+    return max(a[0], b[0]), max(a[1], b[1]), max(a[2], b[2])
+
+
+@inner
+def _are_apart(box, low, high):
+    """Whether a box, (6,) low and high, and that of a segment have no place in common."""
+    apart = False
+    for axis in range(3):
+        apart |= (box[axis] > high[axis]) | (box[3 + axis] < low[axis])
+    return apart
+
+
+@inner
+def _may_pass(run, origin, direction):
+    """Whether the definition's filter lets any face of a run, (9, RUN), through: several are asked at a time."""
+    n = 0
+    for i in range(RUN):
+        a, b, c = (
+            (run[0, i], run[1, i], run[2, i]),
+            (run[3, i], run[4, i], run[5, i]),
+            (run[6, i], run[7, i], run[8, i]),
+        )
+        n += passes(origin, direction, a, b, c) != 0
+    return n > 0

@@ -10,7 +10,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 from zbuf_occlude.warp import DeviceBvh, find_device
 
 
@@ -35,7 +35,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT, device: str = "auto") -> "W
 
 
 class Warp(Occluder):
-    """A BVH of float32 boxes chooses the faces that a line may meet; the definition decides, in float64."""
+    """A BVH of float32 boxes chooses the faces that a line may meet; float64 tests these, `exact` decides doubts."""
 
     def __init__(self, mesh: Mesh, contact: float, device: wp.Device) -> None:
         super().__init__(mesh)
@@ -44,16 +44,15 @@ class Warp(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         own = wp.array(points.face_ids, dtype=wp.int32, device=self._device)
-        mask = wp.empty((len(eyes), len(points)), dtype=wp.bool, device=self._device)
+        mask = wp.empty((len(eyes), len(points)), dtype=wp.uint8, device=self._device)
         self._bvh.fill_visible(self._vectors(points.positions), own, self._vectors(eyes), self._contact, mask)
-        return np.array(mask.numpy())
+        return np.array(mask.numpy()).view(bool)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        origins, skipped = come_nearer(self.mesh, origins, directions)
         face_ids = wp.empty(len(directions), dtype=wp.int32, device=self._device)
         distances = wp.empty(len(directions), dtype=wp.float64, device=self._device)
         self._bvh.fill_first_hits(self._vectors(origins), self._vectors(directions), face_ids, distances)
-        return FirstHits(np.array(face_ids.numpy()), distances.numpy() + skipped)
+        return FirstHits(np.array(face_ids.numpy()), np.array(distances.numpy()))
 
     def _vectors(self, values: NDArray[Any]) -> wp.array:
         return wp.array(values, dtype=wp.vec3d, device=self._device)

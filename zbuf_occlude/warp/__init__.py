@@ -5,9 +5,12 @@ Measured and tested on the CPU alone; CUDA runs the same source, and is untested
 
 import os
 
+import numpy as np
 import warp as wp
 
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.exact import Engine
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import cache_folder
 
 # Warp prints when it starts and when it loads kernels; a process that has started it already keeps its settings
@@ -49,8 +52,8 @@ class DeviceBvh:
 
     Notes
     -----
-    Answers are the oracle's outside the boundary band. Costs O(f log f) once, then about O(log f) a line. On CUDA
-    nothing waits for the device.
+    Exact. Lines that float64 leaves in doubt come back and are decided by `exact` on the CPU: each call waits for their
+    number. Costs O(f log f) once, then about O(log f) a line.
     """
 
     def __init__(self, corners: wp.array, bounds: wp.array) -> None:
@@ -59,19 +62,46 @@ class DeviceBvh:
         lower, upper = (wp.empty(n_faces, dtype=wp.vec3, device=self._device) for _ in range(2))
         self._launch(kernels.fill_boxes, n_faces, corners, bounds, lower, upper)
         self._bvh = wp.Bvh(lower, upper)
+        self._n_undecided = wp.zeros(1, dtype=wp.int32, device=self._device)
+        self._engines: dict[float, Engine] = {}
 
     def fill_visible(self, points: wp.array, face_ids: wp.array, eyes: wp.array, contact: float, out: wp.array) -> None:
-        """Fill (k, n) bool with which of n points, vec3d, own faces int32, each of k eyes, vec3d, sees.
+        """Fill (k, n) uint8 with whether, 1 or 0, each of k eyes, vec3d, sees each of n points, vec3d.
 
-        `contact` is the contact tolerance, a fraction of the diagonal.
+        `face_ids` are the points' own faces, int32; `contact` is the contact tolerance, a fraction of the diagonal.
         """
         asked = self._bvh.id, self._corners, self._bounds, wp.float64(contact), points, face_ids, eyes
-        self._launch(kernels.fill_visible, out.shape, *asked, out)
+        if self._count_undecided(kernels.fill_visible, out.shape, *asked, out):
+            answer = out.numpy().copy()
+            pairs = np.nonzero(answer == kernels.IN_DOUBT)
+            own = face_ids.numpy()
+            self._engine(contact).answer_pairs(points.numpy(), own, eyes.numpy(), pairs, answer.view(bool))
+            out.assign(answer)
 
     def fill_first_hits(self, origins: wp.array, directions: wp.array, face_ids: wp.array, distances: wp.array) -> None:
         """Fill (n,) int32 and float64 with the faces that rays meet first, and how far; one origin serves all."""
         asked = self._bvh.id, self._corners, self._bounds, origins, directions
-        self._launch(kernels.fill_first_hits, directions.shape, *asked, face_ids, distances)
+        if self._count_undecided(kernels.fill_first_hits, directions.shape, *asked, face_ids, distances):
+            faces, away = face_ids.numpy().copy(), distances.numpy().copy()
+            rows = np.flatnonzero(faces == kernels.UNDECIDED)
+            begins = np.broadcast_to(origins.numpy(), (len(faces), 3))[rows]
+            faces[rows], away[rows] = self._engine(0.0).first_hits(begins, directions.numpy()[rows])
+            face_ids.assign(faces)
+            distances.assign(away)
+
+    def _engine(self, contact: float) -> Engine:
+        """Return the engine on the CPU for a contact tolerance, a fraction of the diagonal."""
+        if contact not in self._engines:
+            corners = self._corners.numpy()
+            mesh = Mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+            self._engines[contact] = Engine(mesh, contact * mesh.diagonal)
+        return self._engines[contact]
+
+    def _count_undecided(self, kernel: wp.Kernel, shape: int | tuple[int, ...], *arguments: object) -> int:
+        """Launch a kernel that counts the lines it leaves in doubt, and return their number."""
+        self._n_undecided.zero_()
+        self._launch(kernel, shape, *arguments, self._n_undecided)
+        return int(self._n_undecided.numpy()[0])
 
     def _launch(self, kernel: wp.Kernel, shape: int | tuple[int, ...], *arguments: object) -> None:
         wp.launch(kernel, dim=shape, inputs=arguments, device=self._device)

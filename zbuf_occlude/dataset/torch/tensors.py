@@ -8,7 +8,7 @@ import torch
 from zbuf_occlude.arrays import LARGEST
 from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction
 from zbuf_occlude.extras import importing
-from zbuf_occlude.visibility.interface import CONTACT, FAR, FirstHits
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits
 
 
 def visible(
@@ -54,14 +54,14 @@ def visible(
 
     Notes
     -----
-    Exact: equal to the oracle outside the boundary band (docs/conventions.md), computed in float64. Points of float32
-    lie that much off their faces.
+    Exact for the numbers given (docs/conventions.md). Points of float32 lie that much off their faces.
 
     A mesh is checked and prepared when it is first seen, and kept while the memory of both tensors lives. It is known
     by its memory: new views find it again. It is prepared again after PyTorch's operations in place, and where
     ``.data`` was set. Writes in place through ``.data`` or NumPy cannot be seen: pass a clone after them. Tensors made
-    in inference mode are prepared at every call. Preparing waits for the device once. Later calls wait for nothing and
-    copy nothing to the host, so other values are not checked. No gradient passes. CUDA is untested.
+    in inference mode are prepared at every call. Preparing waits for the device once. A later call waits for one
+    number: how many lines of sight float64 leaves in doubt. If there are some, mesh and points are copied to the host,
+    where `exact` decides them. Other values are not checked. No gradient passes. CUDA is untested.
 
     Examples
     --------
@@ -160,32 +160,25 @@ class TensorMesh:
 
     def visible(self, points: torch.Tensor, face_ids: torch.Tensor, eyes: torch.Tensor, contact: float) -> torch.Tensor:
         """Return which of n points, own faces int32, each of k eyes sees; (k, n) bool."""
-        mask = torch.ones((len(eyes), len(points)), dtype=torch.bool, device=points.device)
+        mask = torch.ones((len(eyes), len(points)), dtype=torch.uint8, device=points.device)
         if mask.numel():
             with self._stream():
                 shared = self._shared
                 self._bvh.fill_visible(shared(points), shared(face_ids), shared(eyes), contact, shared(mask))
-        return mask
+        return mask.view(torch.bool)
 
     def first_hits(self, origins: torch.Tensor, directions: torch.Tensor) -> tuple[Any, Any]:
         """Return the faces that n rays meet first, (n,) int32, and how far, (n,) float64."""
         exponents = torch.frexp(directions.abs().amax(dim=1, keepdim=True)).exponent.clamp(-1000, 1000)
         exponents = exponents.masked_fill(exponents.abs() < 64, 0)  # of usual length (`arrays.SHORTEST`)
         directions = directions * torch.exp2(-exponents.double())
-        # what is far begins nearer, as `visibility.interface.come_nearer` has it
-        units = torch.nn.functional.normalize(directions, eps=0.0)
-        centre, diagonal = self.bounds.mean(dim=0), torch.linalg.vector_norm(self.bounds[1] - self.bounds[0])
-        away = origins - centre
-        skipped = (-(away * units).sum(dim=1, keepdim=True) - diagonal).clamp(min=0.0)
-        skipped = skipped * (away.abs().amax(dim=1, keepdim=True) > FAR * diagonal)
-        origins = origins + skipped * units
         face_ids = torch.empty(len(directions), dtype=torch.int32, device=directions.device)
         distances = torch.empty(len(directions), dtype=torch.float64, device=directions.device)
         if len(directions):
             with self._stream():
                 rays = self._shared(origins), self._shared(directions)
                 self._bvh.fill_first_hits(*rays, self._shared(face_ids), self._shared(distances))
-        return face_ids, torch.where(face_ids < 0, torch.inf, distances + skipped[:, 0])
+        return face_ids, distances
 
     def _stream(self) -> Any:
         """Have Warp's work done in its turn among PyTorch's."""
