@@ -36,8 +36,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Keep what was skipped, where only that is asked for; a file that was skipped is all of its tests."""
     if not config.getoption("skipped"):
         return
-    assert config.cache is not None
-    last = set(config.cache.get(LAST, []))
+    if (cache := getattr(config, "cache", None)) is None:
+        raise pytest.UsageError("--skipped must have pytest's cache; it is off. Leave out -p no:cacheprovider.")
+    last = set(cache.get(LAST, []))
     kept = [item for item in items if item.nodeid in last or item.nodeid.partition("::")[0] in last]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = kept
@@ -62,8 +63,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     config = session.config
     if hasattr(config, "workeroutput"):
         config.workeroutput["left out"] = config.stash.get(LEFT_OUT, [])
-    elif config.cache is not None:
-        config.cache.set(LAST, sorted(config.stash.get(SKIPPED, set())))
+    elif cache := getattr(config, "cache", None):  # not there with -p no:cacheprovider
+        cache.set(LAST, sorted(config.stash.get(SKIPPED, set())))
 
 
 @pytest.hookimpl(optionalhook=True)

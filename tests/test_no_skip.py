@@ -75,6 +75,13 @@ def test_what_was_skipped_is_run_alone_once_it_can_be(
     assert outcomes(said) == {"SKIPPED test_lacking.py", "SKIPPED test_data.py", "PASSED test_module.py"}, said
 
 
+def test_without_a_cache_tests_run_and_what_was_skipped_is_not_known(suite: Callable[..., str]) -> None:
+    said = suite("-p", "no:cacheprovider")
+    assert "PASSED test_sound.py" in outcomes(said)
+    assert "1 passed, 3 skipped" in said.splitlines()[-1]
+    assert outcomes(suite("-p", "no:cacheprovider", "--skipped")) == set()
+
+
 def test_a_file_of_which_all_failed_is_run_again(suite: Callable[..., str], tmp_path: Path) -> None:
     (tmp_path / "test_wrong.py").write_text("def test(): raise AssertionError\n")
     assert "FAILED test_wrong.py" in outcomes(suite())
