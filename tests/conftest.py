@@ -53,10 +53,11 @@ FIRST = (
 long one left when the others are done. A file is one process's, as are its fixtures."""
 
 
-OURS = "" if os.environ.get("PYTEST_XDIST_WORKER") else tempfile.mkdtemp(prefix="zbuf_occlude-tests-")
-"""Where libraries leave temporary files, in all processes, until the end. Of pytest's own folders it keeps three."""
+SYSTEMS = os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+"""The system's temporary folder, for pytest's own folders, of which it keeps three; of a suite within a test too."""
+OURS = "" if os.environ.get("PYTEST_XDIST_WORKER") else tempfile.mkdtemp(prefix="zo-", dir=SYSTEMS)
+"""Where libraries leave temporary files, until the end; its name is short, as Ray puts sockets there."""
 if OURS:
-    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
     os.environ["TMPDIR"] = tempfile.tempdir = OURS
 
 

@@ -79,7 +79,7 @@ def test_without_a_cache_tests_run_and_what_was_skipped_is_not_known(suite: Call
     said = suite("-p", "no:cacheprovider")
     assert "PASSED test_sound.py" in outcomes(said)
     assert "1 passed, 3 skipped" in said.splitlines()[-1]
-    assert outcomes(suite("-p", "no:cacheprovider", "--skipped")) == set()
+    assert "PASSED test_sound.py" not in outcomes(suite("-p", "no:cacheprovider", "--skipped"))
 
 
 def test_a_file_of_which_all_failed_is_run_again(suite: Callable[..., str], tmp_path: Path) -> None:
