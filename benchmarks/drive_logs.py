@@ -32,6 +32,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from zbuf_occlude.compare.scan_comparison import DEPTH_UNIT
 from zbuf_occlude.compare.scan_files import read_scan_file
 from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.sensors import SENSORS, make
@@ -142,7 +143,7 @@ def skipping(skipped: list[str]) -> Iterator[None]:
 @lru_cache(2)
 def points_of(cloud: Path) -> np.ndarray:
     """Return a sweep's points (n, 3) in its sensor's frame."""
-    return read_scan_file(cloud, SENSORS["hdl-64e"])
+    return read_scan_file(cloud, SENSORS["hdl-64e"], DEPTH_UNIT)
 
 
 def found_sensor(points: np.ndarray) -> tuple[Sensor, str]:

@@ -34,15 +34,15 @@ PARTS = (
         5,
         "--repeats 1 --scene furniture?10,000",
     ),
-    Part("random-scenes", "python benchmarks/random_scenes.py --scenes 3000 --seed 22", 8, "--scenes 100", text=True),
+    Part("random-scenes", "python benchmarks/random_scenes.py --scenes 1000 --seed 22", 8, "--scenes 100", text=True),
     Part(
         "random-rays",
-        "python benchmarks/random_scenes.py --scenes 3000 --seed 22 --question rays",
+        "python benchmarks/random_scenes.py --scenes 200 --seed 22 --question rays",
         12,
         "--scenes 100",
         text=True,
     ),
-    Part("watertight", "python benchmarks/watertight.py --most-faces 8000", 6, "--most-faces 1500"),
+    Part("watertight", "python benchmarks/watertight.py --most-faces 1500", 3, "--most-faces 300"),
     Part(
         "depth-buffer-accuracy", "python benchmarks/depth_buffer_accuracy.py --repeats 3", 3, "--repeats 1 --every 10"
     ),

@@ -32,8 +32,8 @@ API = {
     "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder")),
     "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
-    "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
-    "motion": ("Moving sensors", "sensors.", ("Motion", "read_trajectory")),
+    "sensors": ("Sensors", "sensors.", ("make", "Sensor", "Imperfections")),
+    "motion": ("Places and motion of sensors", "sensors.", ("look_at", "Motion", "read_trajectory")),
     "real_scans": ("Real scans", "", ("compare_scans", "compare.scan_comparison.ScanComparison")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
     "torch": (
@@ -92,14 +92,15 @@ def command_line() -> str:
     ]
     for name in group.list_commands(top):
         command = group.get_command(top, name)
-        lines += [f"### {name}\n", f"{command.get_short_help_str(200)}\n", *folded(command, top, name)]
+        lines += [f"### {name}\n", *folded(command, top, name)]
     return "\n".join(lines)
 
 
 def folded(command: click.Command, above: click.Context, name: str) -> list[str]:
     """Return the help of a command and of those below it, folded."""
     here = click.Context(command, info_name=name, parent=above, terminal_width=100)
-    lines = [f'<details markdown="1"><summary><code>{here.command_path} --help</code></summary>\n']
+    summary = f"<code>{here.command_path} --help</code>: {command.get_short_help_str(200)}"
+    lines = [f'<details markdown="1"><summary>{summary}</summary>\n']
     lines += ["```text", command.get_help(here), "```\n"]
     if isinstance(command, click.Group):
         for below in command.list_commands(here):

@@ -119,7 +119,7 @@ def scene(**changed: Any) -> str:
         ("transforms.json", nerf(k1="no"), "k1 must be a number"),
         ("views.csv", "azimuth,elevation\n1e300,1\n", r"azimuth in .* degrees; got 1e\+300"),
         ("views.csv", "azimuth,elevation,roll\n1,1,1e300\n", r"roll in .* degrees; got 1e\+300"),
-        ("images.txt", "1 0 0 0 0 0 0 1 1 x.png\n\n", "a quaternion must not be zero"),
+        ("images.txt", "1 0 0 0 0 0 0 1 1 x.png\n\n", "a quaternion must be finite and not zero"),
         ("images.txt", "1 nan 0 0 0 0 0 1 1 x.png\n\n", "the quaternion must be 4 numbers"),
         ("images.txt", "1 1e400 1 0 0 0 0 1 1 x.png\n\n", "the quaternion must be 4 numbers"),
         ("labels.json", '{"one": {"a": 1}}', "it is JSON of another form"),

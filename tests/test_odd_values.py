@@ -123,10 +123,9 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.scan(CUBE, "vlp-16", range=5, transparent=[1, 2]), "transparent must be a mapping"),
         (
             lambda: zo.scan(CUBE, "vlp-16", np.eye(4) + np.eye(4, k=3) * 1e155),
-            "pose must be finite and below",
+            "pose must be finite",
         ),
         (lambda: zo.scan(CUBE, "vlp-16", range=5, towards=np.zeros((0, 3))), r"towards must be \(2, 3\); got \(0, 3\)"),
-        (lambda: zo.compare_scans(CUBE, [[[1, 2, 3]]], "vlp-16", depth_unit=None), "depth_unit must be a length"),
         (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, background=np.array(2)), "background must be labels"),
         (lambda: zo.views.for_mesh(CUBE, np.zeros((2, 2))), "views must be paper100"),  # type: ignore[arg-type]
         (lambda: zo.visible_mesh(CUBE, [[1], [1, 2]]), "eyes must be .*; got rows of unequal length"),

@@ -146,7 +146,7 @@ REFUSED = [
     ("sensors none.yaml", "a file must be readable"),
     ("scan a.off --out a.ply --azimuth nan", "nan is not a finite number"),
     ("scan a.off --out a.ply --elevation inf", "inf is not"),
-    ("scan a.off --out a.ply --scene ground --elevation 40", "--elevation must go without a ground"),
+    ("scan a.off --out a.ply --scene ground --elevation 40", "--elevation must be of a camera"),
     ("scan a.off --out a.ply --scene gone.json", "a file must be readable; gone.json" + IN_WORDS),
     ("scan a.off --out a.ply --set-sensor lasers=3", "lasers of a sensor must be rows of 2 numbers"),
     ("scan a.off --out a.ply --set-sensor colums=3", "a number of the sensor vlp-32c must be one of"),

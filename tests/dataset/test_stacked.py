@@ -9,8 +9,9 @@ import zbuf_occlude as zo
 from tests.scenes import soup
 from zbuf_occlude.cli.messages import stacked
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
-from zbuf_occlude.dataset.pipeline import count_stacked, samplings
+from zbuf_occlude.dataset.pipeline import samplings
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.stacked import count_stacked
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility.interface import CONTACT
 

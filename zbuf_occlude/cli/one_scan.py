@@ -91,14 +91,15 @@ def scan_command(
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
     lengths = lengths_of(setup, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
-    cut = capture.cut
+    cut, away = capture.cut, float(np.linalg.norm(capture.pose[:3, 3]))
     warnings = list(cut_off(Counts.of_cut(*cut).cut, setup.document))
-    if not len(found) and (not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns):
+    if not len(found):
         of_all = setup.keep == "all"
-        why = why_empty(capture, setup.made_sensor, setup.method, of_all)
-        away = float(np.linalg.norm(capture.pose[:3, 3]))
-        what = "scene" if of_all else f"object, {size:.4g} m long and {away:.4g} m away,"
-        warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
+        if not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns:
+            why = why_empty(capture, setup.made_sensor, setup.method, of_all)
+            what = "scene" if of_all else "object"
+            warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
+        warnings[-1] += f" The object is {size:.4g} m long and {away:.4g} m away."
     for warning in warnings:
         echo(warning, err=True)
     if picture is not None:

@@ -11,16 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, Counts, WorstMesh, WorstView
+from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
 from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.predicates import side_of_ray
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
@@ -42,8 +39,6 @@ MOST_TESTS = 1_000_000_000
 CHECKED_SCANS = 4
 """Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
 
-SHEET_POINTS = 1024
-"""Points of a mesh that are looked at for another sheet: its share is known to 3 %, for about a millisecond."""
 
 IN_ONE_PLACE = "all points that it sees are in one place"
 """Why a cloud is none: centred and scaled it would be the origin alone."""
@@ -98,6 +93,8 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
+                    from zbuf_occlude.dataset.stacked import count_stacked  # late: takes numba
+
                     counts += count_stacked(mesh, points, occluder.tolerance, key)
                     counts += Counts(n_inside=int(mesh.in_box(views.eyes).sum()))
             if views.windows is not None:
@@ -330,51 +327,3 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
 
 def _seed(seed: int, key: str, variation: int, what: str, view: int) -> np.random.SeedSequence:
     return seed_of(seed, f"{key}/{what}", variation, view)
-
-
-def count_stacked(mesh: Mesh, points: SurfacePoints, tolerance: float, key: str) -> Counts:
-    """Look at some points of a mesh for another face along their normal, on either side, within the tolerance.
-
-    Faces nearer than the contact tolerance touch: neither hides the other, so they do not count.
-    """
-    contact = CONTACT * mesh.diagonal
-    if not tolerance > contact or not len(points):
-        return Counts()
-    some = np.unique(np.linspace(0, len(points) - 1, SHEET_POINTS).astype(np.intp))
-    axis = int(np.ptp(mesh.bounds, axis=0).argmax())
-    some = some[np.argsort(points.positions[some, axis], kind="stable")]
-    found = _have_another(
-        mesh.corners, points.positions[some], points.normals[some], points.face_ids[some], axis, contact, tolerance
-    )
-    n_stacked = int(found.sum())
-    return Counts(n_looked_at=len(some), n_stacked=n_stacked, most_stacked=WorstMesh(n_stacked / len(some), key))
-
-
-@njit(cache=True, _nrt=True)
-def _have_another(corners: Any, positions: Any, normals: Any, face_ids: Any, axis: Any, least: Any, most: Any) -> Any:
-    """Whether the normal's line meets another face farther than `least` and not farther than `most` away, (n,) bool.
-
-    `positions` and `normals` (n, 3) ascend along `axis`; `face_ids` are of the points' own faces.
-    """
-    found = np.zeros(len(positions), np.bool_)
-    along = positions[:, axis].copy()
-    for face in range(len(corners)):
-        a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
-        low = min(a[axis], b[axis], c[axis]) - most
-        high = max(a[axis], b[axis], c[axis]) + most
-        for i in range(np.searchsorted(along, low), len(positions)):
-            if along[i] > high:
-                break
-            point, normal = positions[i], normals[i]
-            near = not found[i] and face_ids[i] != face
-            for other in range(3):
-                near &= min(a[other], b[other], c[other]) - most <= point[other]
-                near &= max(a[other], b[other], c[other]) + most >= point[other]
-            if not near:
-                continue
-            line = (normal[0], normal[1], normal[2])
-            own = cross(minus(b, a), minus(c, a))
-            slope = abs(dot(line, own))
-            height = abs(dot(minus(a, point), own))
-            found[i] = side_of_ray(point, line, a, b, c) != 0 and least * slope < height <= most * slope
-    return found

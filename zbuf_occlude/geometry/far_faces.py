@@ -42,7 +42,7 @@ def far_faces(mesh: Mesh) -> FarFaces | None:
     """Return the faces far from most of a mesh's area; None where there are none, which most often a glance tells."""
     low, sides = mesh.bounds[0], np.ptp(mesh.bounds, axis=0)
     axis, reach = int(sides.argmax()), NEAR * mesh.diagonal
-    if not mesh.diagonal > 0.0:
+    if not (mesh.diagonal > 0.0 and mesh.areas.any()):
         return None
     shares = np.zeros(BINS)
     step = -(-len(mesh.faces) // GLANCED_AT)
