@@ -34,10 +34,10 @@ PARTS = (
         5,
         "--repeats 1 --scene furniture?10,000",
     ),
-    Part("random-scenes", "python benchmarks/random_scenes.py --scenes 1000 --seed 22", 8, "--scenes 100", text=True),
+    Part("random-scenes", "python benchmarks/random_scenes.py --scenes 3000 --seed 22", 8, "--scenes 100", text=True),
     Part(
         "random-rays",
-        "python benchmarks/random_scenes.py --scenes 200 --seed 22 --question rays",
+        "python benchmarks/random_scenes.py --scenes 1500 --seed 22 --question rays",
         12,
         "--scenes 100",
         text=True,

@@ -1,6 +1,8 @@
 """What `generate` says at the end: how wrong the data are, where they are worst, and what would help."""
 
 import json
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -73,11 +75,15 @@ def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:
     assert "warning" not in run(f"{line} --method exact --out exact").out
 
 
-def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path) -> None:
+def test_modules_of_the_current_folder_are_not_run(tmp_path: Path) -> None:
+    """In a process of its own: after worker processes were started, a test process shows no more lines of the log."""
     for name in ("zbuf_occlude", "pickle", "random"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / ('ran_' + name))!r}, 'w').close()\n")
-    run("generate --limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 2 --out out")
-    run("doctor")
+    generate = "generate --limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 2 --out out"
+    for line in (generate, "doctor"):
+        command = [sys.executable, "-P", "-m", "zbuf_occlude", *line.split()]
+        child = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert child.returncode == 0, child.stderr
     assert not list(tmp_path.glob("ran_*"))
 
 

@@ -238,7 +238,8 @@ def test_elevation_sets(folder: Path) -> None:
             shared = set(test.object_ids) & set(training.object_ids)
             assert bool(shared) == (split_by == "elevations")
         assert (set(training.object_ids) & set(validation.object_ids) == set()) == (split_by == "objects")
-    assert len(clouds.training("elevations")) + len(clouds.validation("elevations")) == 40 * 8
+    n_clouds = len(clouds.training("elevations")) + len(clouds.validation("elevations"))
+    assert 0.98 * 40 * 8 < n_clouds <= 40 * 8, "views that see one place alone are blank"
     assert len(set(clouds.training("objects").object_ids)) == 24
 
 
