@@ -37,7 +37,7 @@ PARTS = (
     Part("random-scenes", "python benchmarks/random_scenes.py --scenes 3000 --seed 22", 8, "--scenes 100", text=True),
     Part(
         "random-rays",
-        "python benchmarks/random_scenes.py --scenes 1500 --seed 22 --question rays",
+        "python benchmarks/random_scenes.py --scenes 200 --seed 22 --question rays",
         12,
         "--scenes 100",
         text=True,
