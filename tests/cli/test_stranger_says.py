@@ -81,6 +81,7 @@ def test_a_picture_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tm
     check_that_nothing_is_left(run, f"depth {modelnet}/ball/test/ball_0.off --resolution 64", tmp_path / name)
 
 
+@pytest.mark.needs("open3d")
 def test_a_report_that_does_not_fit_leaves_no_part_of_a_file(run: Run, modelnet: Path, tmp_path: Path) -> None:
     line = f"{modelnet}/ball/test/ball_0.off"
     run(f"scan {line} --range 8 --size file --out scan.ply")

@@ -164,8 +164,11 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
         ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
         ("colors must be True or False", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
         ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]
-        ("occluder must be of the mesh", lambda: zo.frames(box(), views, occluder=zo.prepare(sphere()))),
-        ("occluder must be of the mesh", lambda: zo.scan(box(), "vlp-16", range=3, occluder=zo.prepare(sphere()))),
+        ("occluder must be of the mesh", lambda: zo.frames(box(), views, occluder=zo.prepare(sphere(), "exact"))),
+        (
+            "occluder must be of the mesh",
+            lambda: zo.scan(box(), "vlp-16", range=3, occluder=zo.prepare(sphere(), "exact")),
+        ),
         *(
             ("unit must be", lambda unit=unit: zo.write_frames(tmp_path / "out", zo.frames(box(), views), unit=unit))
             for unit in (np.nan, np.inf, -1.0, 0.0, "m", 1e9)
