@@ -76,7 +76,7 @@ def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:
 
 
 def test_modules_of_the_current_folder_are_not_run(tmp_path: Path) -> None:
-    """In a process of its own: after worker processes were started, a test process shows no more lines of the log."""
+    """In a process of its own, whose interpreter starts in the folder."""
     for name in ("zbuf_occlude", "pickle", "random"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / ('ran_' + name))!r}, 'w').close()\n")
     generate = "generate --limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 2 --out out"

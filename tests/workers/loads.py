@@ -1,5 +1,6 @@
 """Meshes that workers make, and what they do instead: light to import, as each worker does so anew."""
 
+import logging
 import os
 import signal
 import threading
@@ -40,3 +41,8 @@ def bad(number: int) -> Mesh:
 
 def tell(number: int) -> Mesh:
     raise MeshError(f"{os.environ['TOLD_TO_WORKERS']}, {threads.n_threads()} threads")
+
+
+def warn(number: int) -> Mesh:
+    logging.getLogger("zbuf_occlude.meshes").warning("m%d is a ball", number)
+    return ball(number)

@@ -12,7 +12,7 @@ import pytest
 
 from tests.dataset.test_generate import files
 from tests.processes import ended
-from tests.workers.loads import bad, ball, hang, suicide, swell, tell
+from tests.workers.loads import bad, ball, hang, suicide, swell, tell, warn
 from zbuf_occlude import DatasetError
 from zbuf_occlude.dataset.folder import occupy
 from zbuf_occlude.dataset.generate import generate
@@ -50,6 +50,12 @@ def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> di
 def mesh_ids(out: Path) -> list[int]:
     source = open_dataset(out)
     return np.unique(source.take(source.order["train"])["mesh_id"]).tolist()
+
+
+def test_the_log_of_workers_is_the_coordinators(out: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert run(plan_of(warn, ball, warn, warn), out) == {}
+    said = [(record.name, record.getMessage()) for record in caplog.records]
+    assert sorted(said) == [("zbuf_occlude.meshes", f"m{number} is a ball") for number in (0, 2, 3)]
 
 
 @pytest.mark.parametrize("moment", ["mesh", "done"])

@@ -10,7 +10,6 @@ import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
@@ -231,7 +230,7 @@ def locked(out: Path, groups: range | None = None, *, wait: bool = False) -> Ite
     """
     out.mkdir(parents=True, exist_ok=True)
     try:
-        fcntl = import_module("fcntl")
+        import fcntl
     except ImportError:  # only Unix has it
         yield
         return

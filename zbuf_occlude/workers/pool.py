@@ -1,6 +1,7 @@
 """A pool of workers that do jobs, and may crash, hang or run out of memory; `local` and `ray` start them."""
 
 import logging
+import logging.handlers
 import os
 import time
 from collections import Counter, deque
@@ -30,9 +31,24 @@ LOOK = 0.5
 READY_SECONDS = 300.0
 """The run ends when no worker is ready for so long: the cluster has no room, or processes do not start."""
 
-Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], Any]
-"""("ready", pid) first; ("mesh", mesh_id) before each mesh, None behind the last of a job; ("done", (job, result)); as
-the last one ("broken", reason) of a lost GL context, or ("failed", reason) of an error that any worker would meet."""
+Message = tuple[Literal["ready", "mesh", "done", "log", "broken", "failed"], Any]
+"""("ready", pid) first; ("mesh", mesh_id) before each mesh, None behind the last of a job; ("done", (job, result)); at
+any time ("log", record) of the package's log; as the last one ("broken", reason) of a lost GL context, or ("failed",
+reason) of an error that any worker would meet."""
+
+
+class LogSender(logging.handlers.QueueHandler):
+    """Handler of the worker's log that sends each record to the coordinator, whose log shows it."""
+
+    queue: Any
+
+    def __init__(self, connection: Connection) -> None:
+        super().__init__(queue=connection)  # type: ignore[arg-type]  # only `enqueue` uses it
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Send a record; none where the coordinator is gone."""
+        with suppress(OSError):
+            self.queue.send(("log", record))
 
 
 def work(connection: Connection, task: Task, device_index: int | None) -> None:
@@ -41,6 +57,8 @@ def work(connection: Connection, task: Task, device_index: int | None) -> None:
     Everything GL happens in the thread that calls this.
     """
     gl: Any = None
+    log = logging.getLogger("zbuf_occlude")
+    log.handlers, log.propagate = [LogSender(connection)], False
     with suppress(EOFError, BrokenPipeError):  # the coordinator is gone
         try:
             if task.needs_gl:
@@ -200,7 +218,9 @@ class _Pool:
         if kind in ("mesh", "done"):  # the mesh before is made
             for killed in (False, True):
                 self.ends.pop(("mesh", seat.mesh_id, killed), None)
-        if kind == "ready":
+        if kind == "log":
+            logging.getLogger(value.name).handle(value)
+        elif kind == "ready":
             seat.ready = True
             self.ends.pop("start", None)
         elif kind == "mesh":
