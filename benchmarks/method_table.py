@@ -13,7 +13,7 @@ from pathlib import Path
 from common import row
 
 from zbuf_occlude.cli.shell import SOME_FAILED
-from zbuf_occlude.compare.metrics import Standing, standings
+from zbuf_occlude.compare.metrics import Ranking, standings
 from zbuf_occlude.compare.run import ComparisonFolder
 
 RESOLUTIONS = (256, 512, 1024)
@@ -64,13 +64,13 @@ def main() -> None:
             row(name, wrong(found), " / ".join(milliseconds(one) for one in found), when)
 
 
-def wrong(found: list[Standing | None]) -> str:
+def wrong(found: list[Ranking | None]) -> str:
     """Write shares of wrong answers, once where they are the same."""
     shares = [short(100 * one.wrong) if one else "-" for one in found]
     return " / ".join(shares[:1] if len(set(shares)) == 1 else shares) + " %"
 
 
-def milliseconds(one: Standing | None) -> str:
+def milliseconds(one: Ranking | None) -> str:
     """Write the time of a view."""
     return short(1e3 * one.seconds) if one else "-"
 

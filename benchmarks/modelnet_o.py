@@ -13,7 +13,7 @@ from common import run
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.workers import local
 
@@ -22,7 +22,7 @@ WHOLE = 246_220
 
 def main(n_shapes: int = 1_000, n_workers: int = os.cpu_count() or 1) -> None:
     collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
-    recipe = Recipe(method="exact", views="fibonacci:20", subset="fps")
+    recipe = DatasetConfig(method="exact", views="fibonacci:20", subset="fps")
     local_run = partial(local.run_local, n_workers=n_workers, limits=Limits())
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()

@@ -23,11 +23,11 @@ import zbuf_occlude as zo
 from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.shapes import benchmark_mesh
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 EYES = zo.views.paper100().eyes[::20]
 ROUNDS = 3
-Question = tuple[Occluder, zo.SurfacePoints]
+Question = tuple[VisibilityQuery, zo.SurfacePoints]
 
 
 def main(what: str, *meshes: Path, faces: Sequence[int] = ()) -> None:

@@ -33,9 +33,9 @@ from tqdm import tqdm
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.dataset.generate import Making, generate
+from zbuf_occlude.dataset.generate import GenerateTask, generate
 from zbuf_occlude.dataset.packed import archive_name
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -104,7 +104,7 @@ def plan_of(number: int, n_renders: int) -> Plan:
         label, index = members[i % len(members)]
         entries.append(MeshEntry(f"{label}/{index}/{i}", label, "train", partial(shapes.make, label, index)))
     recipe = {"n_points": 1000, "sample_size": 16, "views": "paper100", **PLANS[number]}
-    return Plan(MeshCollection(entries), Recipe(**recipe), "packed")
+    return Plan(MeshCollection(entries), DatasetConfig(**recipe), "packed")
 
 
 def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
@@ -142,7 +142,9 @@ def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
 def make_here(plan: Plan, batches: list[int], out: Path) -> None:
     """Make some batches in this process."""
     run_here(
-        Making(plan, out, find_method(plan.recipe.method).needs_gl), [("batch", i) for i in batches], lambda *_: ()
+        GenerateTask(plan, out, find_method(plan.recipe.method).needs_gl),
+        [("batch", i) for i in batches],
+        lambda *_: (),
     )
 
 

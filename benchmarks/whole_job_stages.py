@@ -1,6 +1,6 @@
 """What each stage of `generate` costs, in one process; `whole_job.py --stages` runs it, with any checkout's package.
 
-python benchmarks/whole_job_stages.py REPORT.json OUT RECIPE MESH...        RECIPE: as JSON, what Recipe takes
+python benchmarks/whole_job_stages.py REPORT.json OUT RECIPE MESH...        RECIPE: as JSON, what DatasetConfig takes
 """
 
 import functools
@@ -18,7 +18,7 @@ STAGES = (
     ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
     ("sample", "zbuf_occlude.dataset.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),
-    ("ask", "zbuf_occlude.visibility.interface:Occluder.visible"),
+    ("ask", "zbuf_occlude.visibility.interface:VisibilityQuery.visible"),
     ("check", "zbuf_occlude.dataset.pipeline:check"),
     ("gather", "zbuf_occlude.dataset.batch:Clouds.keep"),
     ("write", "zbuf_occlude.dataset.batch:Clouds.pieces"),
@@ -86,13 +86,13 @@ def watch(clock: Clock) -> None:
 def main() -> None:
     report, out, recipe_given, *meshes = sys.argv[1:]
     clock = Clock()
-    from zbuf_occlude.cli.generate import rehearse  # what the command imports
+    from zbuf_occlude.cli.generate import smoke_test  # what the command imports
     from zbuf_occlude.dataset.generate import generate
-    from zbuf_occlude.dataset.plan import Plan, Recipe
+    from zbuf_occlude.dataset.plan import DatasetConfig, Plan
     from zbuf_occlude.meshes.collection import MeshCollection
 
-    recipe = Recipe(**json.loads(recipe_given))
-    rehearse(recipe, require_gpu=False)
+    recipe = DatasetConfig(**json.loads(recipe_given))
+    smoke_test(recipe, require_gpu=False)
     watch(clock)
     plan = Plan(MeshCollection.from_paths(meshes).interleaved(), recipe)
     generate(plan, Path(out))

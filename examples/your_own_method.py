@@ -9,10 +9,10 @@ import numpy as np
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 
-class BackFaceCulling(Occluder):
+class BackFaceCulling(VisibilityQuery):
     """Visible is what faces the eye."""
 
     def _visible(self, points: zo.SurfacePoints, eyes: np.ndarray) -> np.ndarray:

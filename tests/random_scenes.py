@@ -16,7 +16,7 @@ from zbuf_occlude import Mesh, SurfacePoints, sample_surface, shapes
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.sensors import Sensor, look_at
 from zbuf_occlude.shapes import refined, solids
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 FARTHEST = 12.0
@@ -234,7 +234,7 @@ def scene(seed: int, index: int) -> tuple[Mesh, SurfacePoints, FloatArray, str]:
 
 
 def wrong_answers(
-    prepare: Callable[..., Occluder], seed: int, index: int, contact: float = CONTACT, n_checked: int = 40
+    prepare: Callable[..., VisibilityQuery], seed: int, index: int, contact: float = CONTACT, n_checked: int = 40
 ) -> tuple[int, int]:
     """Count, for one scene, pairs of eye and point answered unlike rational arithmetic, and how many were asked.
 

@@ -110,7 +110,7 @@ def is_kernel(node: ast.FunctionDef) -> bool:
     return any(
         name in ast.unparse(d)
         for d in node.decorator_list
-        for name in ("njit", "intrinsic", "inner", "inlined", "merged", "shared")
+        for name in ("njit", "intrinsic", "device_function", "always_inline", "inline_ir", "parallel_kernel")
     )
 
 

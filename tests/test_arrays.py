@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from zbuf_occlude.arrays import as_indices, as_vectors, frozen, sealed
+from zbuf_occlude.arrays import as_indices, as_vectors, readonly_copy, set_readonly
 from zbuf_occlude.errors import ArgumentError
 
 
@@ -80,11 +80,11 @@ def test_bad_indices(values: Any, columns: int | None, message: str) -> None:
 
 def test_frozen_is_a_copy_and_sealed_is_not() -> None:
     mine = np.ones(3)
-    copy = frozen(mine)
+    copy = readonly_copy(mine)
     mine[0] = 7.0
     assert copy.tolist() == [1.0, 1.0, 1.0]
     with pytest.raises(ValueError, match="read-only"):
         copy[0] = 2.0
-    assert sealed(mine) is mine
+    assert set_readonly(mine) is mine
     with pytest.raises(ValueError, match="read-only"):
         mine[0] = 2.0

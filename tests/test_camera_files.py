@@ -93,7 +93,7 @@ def test_cameras_from_files(tmp_path: Path, form: str) -> None:
     u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
     seen = (z > 0) & (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
     assert 50 < seen.sum() < 450
-    assert (made.shows(points)[1] == seen).all()
+    assert (made.in_frustum(points)[1] == seen).all()
 
 
 def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_path: Path) -> None:
@@ -107,7 +107,9 @@ def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_p
     for there in (made, made.around([0.0, 0.0, 0.0], 7.0), made.around([0.0, 3.0, 4.0], 7.0), made.select([0])):
         assert np.allclose(there.eyes, 0, atol=1e-12)
         assert np.allclose(there.poses[0], np.diag([1.0, -1.0, -1.0, 1.0]))
-        assert there.shows(np.array([[0.9, -0.9, 1.0], [1.1, 0, 1.0], [0, 0, -1.0]])).tolist() == [[True, False, False]]
+        assert there.in_frustum(np.array([[0.9, -0.9, 1.0], [1.1, 0, 1.0], [0, 0, -1.0]])).tolist() == [
+            [True, False, False]
+        ]
     assert np.array_equal(Views.from_table(made.table).eyes, made.eyes)
     with pytest.raises(ArgumentError, match="distance must be positive; got 0"):
         Views([0.0], [0.0], 0.0)

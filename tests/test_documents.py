@@ -14,7 +14,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
-from zbuf_occlude.documents import Number, flag, line, parse_document
+from zbuf_occlude.documents import Number, parse_bool, parse_document, parse_line
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.meshes.labels import read_labels
 from zbuf_occlude.scenes.contents import read_scene
@@ -223,9 +223,9 @@ def test_documents_too_large_to_be_any_are_refused(form: str, data: bytes) -> No
         (lambda: Number(shapes=((3,),)).read("a", [["1"], [2], [3.0]]), [1.0, 2.0, 3.0]),
         (lambda: Number(shapes=((2, 2),)).read("a", (1, 2, 3, 4)), [[1.0, 2.0], [3.0, 4.0]]),
         (lambda: Number(shapes=((), (-1, 2))).read("a", np.ones((1, 2))), [[1.0, 1.0]]),
-        (lambda: flag("a", np.True_), True),
-        (lambda: flag("a", "False"), False),
-        (lambda: line("a", "é"), "é"),
+        (lambda: parse_bool("a", np.True_), True),
+        (lambda: parse_bool("a", "False"), False),
+        (lambda: parse_line("a", "é"), "é"),
     ],
 )
 def test_numbers_flags_and_lines(call: Callable[[], object], expected: object) -> None:

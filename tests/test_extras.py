@@ -9,7 +9,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.processes import python, run_program
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import importing, reason
 
@@ -171,4 +171,4 @@ def test_recipes_name_the_extra_as_all_others_do(
     monkeypatch.setattr("zbuf_occlude.extras.find_spec", lambda name: None)
     said = rf"needs the package {package}; install it: pip install 'zbuf-occlude\[{extra}\]'"
     with pytest.raises(UnavailableError, match=said):
-        Recipe(**options)
+        DatasetConfig(**options)

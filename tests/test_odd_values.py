@@ -15,11 +15,11 @@ import zbuf_occlude as zo
 from zbuf_occlude.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.scenes import Placed
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 CUBE = zo.Mesh.from_trimesh(box())
 VIEWS = zo.views.for_mesh(CUBE, "ring:2@30")
-SENSOR = zo.sensors.make("vlp-16").document
+SENSOR = zo.sensors.make("vlp-16").to_dict()
 PLY = (
     "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\n"
@@ -133,8 +133,8 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sample_surface(CUBE, density=1e308), "at most 2.31 - 1 can be made"),
         (lambda: zo.write_bop("bop", zo.Scene.of(CUBE), VIEWS, split="9" * 900), "split must be the name of a folder"),
         (lambda: zo.sensors.look_at([[1], [1, 2]], [0, 0, 0]), "position must be .*; got rows of unequal length"),
-        (lambda: Setup(SENSOR, range=[[1], [1, 2]]), "--range must be a number, or two"),
-        (lambda: Setup(SENSOR, range=np.array(2)), "--range must be a number, or two"),
+        (lambda: ScanConfig(SENSOR, range=[[1], [1, 2]]), "--range must be a number, or two"),
+        (lambda: ScanConfig(SENSOR, range=np.array(2)), "--range must be a number, or two"),
         (lambda: zo.sensors.make("vlp-16", name="x"), "a number of the sensor vlp-16 must be one of .* got 'name'"),
         (lambda: zo.sensors.make("vlp-16", self=1), "a number of the sensor vlp-16 must be one of .* got 'self'"),
         (lambda: zo.sensors.make("vlp-16", sigma=1j), "sigma of a sensor must be a number"),
@@ -145,16 +145,16 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.Views([1j], [0], [1]), "must be numbers"),
         (lambda: zo.Views([0.0], [0.0], [1.0], target=(1e155, 0, 0)), r"target must be finite and below 1e\+70"),
         (lambda: zo.depth_image(CUBE, azimuth=0, fov=1e-300), "fov must be a number from 0.001 to 179.9, degrees"),
-        (lambda: Setup(SENSOR, size="banana"), "--size must be .*; got 'banana'"),
-        (lambda: Setup(SENSOR, size={"car": "big"}), "--size must be .*; got {'car': 'big'}"),
-        (lambda: Setup(SENSOR, size="1,2"), "each class once; got '1,2'"),
-        (lambda: Setup(SENSOR, range="far"), r"--range must be a number, or two as A\.\.B; got 'far'"),
-        (lambda: Setup(SENSOR, range=[1, 2, 3]), r"--range must be a number, or two as A\.\.B"),
-        (lambda: Setup(SENSOR, keep=2), "keep must be a word; got 2"),
-        (lambda: Setup(SENSOR, keep_clean="no"), "keep_clean must be True or False; got 'no'"),
-        (lambda: Setup(SENSOR, method="guess"), "method must be one of"),
-        (lambda: Setup(SENSOR, scene="ground", sensor_height="2"), "--sensor-height must be metres above 0"),
-        (lambda: Setup(SENSOR, transparent={"a": "b"}), "a share in 0..1; got 'a'='b'"),
+        (lambda: ScanConfig(SENSOR, size="banana"), "--size must be .*; got 'banana'"),
+        (lambda: ScanConfig(SENSOR, size={"car": "big"}), "--size must be .*; got {'car': 'big'}"),
+        (lambda: ScanConfig(SENSOR, size="1,2"), "each class once; got '1,2'"),
+        (lambda: ScanConfig(SENSOR, range="far"), r"--range must be a number, or two as A\.\.B; got 'far'"),
+        (lambda: ScanConfig(SENSOR, range=[1, 2, 3]), r"--range must be a number, or two as A\.\.B"),
+        (lambda: ScanConfig(SENSOR, keep=2), "keep must be a word; got 2"),
+        (lambda: ScanConfig(SENSOR, keep_clean="no"), "keep_clean must be True or False; got 'no'"),
+        (lambda: ScanConfig(SENSOR, method="guess"), "method must be one of"),
+        (lambda: ScanConfig(SENSOR, scene="ground", sensor_height="2"), "--sensor-height must be metres above 0"),
+        (lambda: ScanConfig(SENSOR, transparent={"a": "b"}), "a share in 0..1; got 'a'='b'"),
     ],
 )
 def test_what_is_no_argument_is_one_clear_error(call: Callable[[], object], said: str) -> None:
@@ -164,7 +164,7 @@ def test_what_is_no_argument_is_one_clear_error(call: Callable[[], object], said
 
 @pytest.mark.parametrize("value", [7, 7.0, "7", (7, 7), np.float64(7), np.array([7.0, 7.0])])
 def test_python_and_a_person_write_the_same_range(value: object) -> None:
-    assert tuple(Setup(SENSOR, range=value).range or ()) == (7.0, 7.0)  # type: ignore[arg-type]
+    assert tuple(ScanConfig(SENSOR, range=value).range or ()) == (7.0, 7.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_python_and_a_person_write_the_same_range(value: object) -> None:
     [(None, {}), ({}, {}), (2, {"*": 2.0}), ("2", {"*": 2.0}), ("file", "file"), ({"car": 4}, {"car": 4.0})],
 )
 def test_python_and_a_person_write_the_same_sizes(value: object, sizes: object) -> None:
-    assert Setup(SENSOR, size=value).size == sizes  # type: ignore[arg-type]
+    assert ScanConfig(SENSOR, size=value).size == sizes  # type: ignore[arg-type]
 
 
 def test_a_sensor_is_taken_wherever_its_name_is() -> None:

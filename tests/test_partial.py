@@ -76,7 +76,7 @@ def test_whatever_is_a_mesh_is_taken_wherever_one_is(other: Callable[[zo.Mesh], 
 def test_a_path_is_a_mesh_too() -> None:
     assert len(zo.sample_surface("chair.off", n_points=7)) == 7
     with zo.prepare(Path("chair.off"), "exact") as occluder:
-        assert repr(occluder) == "Occluder('exact', Mesh('chair', 24 vertices, 36 faces))"
+        assert repr(occluder) == "VisibilityQuery('exact', Mesh('chair', 24 vertices, 36 faces))"
     assert repr(occluder).endswith(", closed)")
     assert zo.views.for_mesh("car.obj", "fibonacci:5", distance=2).distance.tolist() == [8.0] * 5
 
@@ -296,7 +296,7 @@ def test_one_eye_several_and_views_are_asked_alike() -> None:
         np.testing.assert_array_equal(occluder.visible(points, views.eyes[2]), mask[2])
         np.testing.assert_array_equal(occluder.visible(points, views[2]), mask[2:3])
         narrow = views.looking(field_of_view=0.05)
-        np.testing.assert_array_equal(occluder.visible(points, narrow), mask & narrow.shows(points.positions))
+        np.testing.assert_array_equal(occluder.visible(points, narrow), mask & narrow.in_frustum(points.positions))
     np.testing.assert_array_equal(points[mask[0]].positions, points.positions[mask[0]])
     assert zo.METHODS["exact"].name == "exact"
     assert zo.METHODS[0].name == "depth_buffer"

@@ -17,18 +17,18 @@ from zbuf_occlude import Mesh
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source, kept, open_dataset, source_of_files
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.source import CloudReader, kept, open_dataset, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.catalog import SensorRow
 from zbuf_occlude.views import Specification, Views
-from zbuf_occlude.visibility.interface import Method, Occluder
+from zbuf_occlude.visibility.interface import Method, VisibilityQuery
 
 ARCHITECTURE = Path(__file__).parents[1] / "docs" / "architecture.md"
 
 
-class Near(Occluder):
+class Near(VisibilityQuery):
     """A toy: a point is visible from an eye on its own side of the origin."""
 
     def _visible(self, points: Any, eyes: Any) -> Any:
@@ -50,12 +50,12 @@ def write(path: Path, records: Any, plan: Plan, number: int = 0) -> None:
     np.save(path, records)
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Read them back."""
     return source_of_files(plan, out, files, lambda path: len(np.load(path)), kept(np.load))
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write the toy layout: a text file for each split, a line for each cloud's class and first point."""
     for split, numbers in source.order.items():
         lines = [f"{source.plan.classes[int(r['label'][0])]} {r['data'][0]}" for r in source.take(numbers)]
@@ -91,7 +91,7 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("toys")
 def test_a_dataset_by_three_toys(tmp_path: Path) -> None:
     meshes = MeshCollection([MeshEntry("a/box.off", "a", "train", box)])
-    recipe = Recipe(method="near", views="corners", n_points=600, sample_size=100, scale="mesh")
+    recipe = DatasetConfig(method="near", views="corners", n_points=600, sample_size=100, scale="mesh")
     manifest = generate(Plan(meshes, recipe, "toy"), tmp_path / "out")
     assert manifest["counts"]["clouds"] == 2
     source = open_dataset(tmp_path / "out")

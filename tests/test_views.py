@@ -210,12 +210,12 @@ def test_a_look_at_point_and_a_field_of_view() -> None:
         x, y, z = pose[:3, :3] @ point[0] + pose[:3, 3]
         assert np.allclose([x, y], 0, atol=1e-12)
         assert z < 0
-    assert made.shows(point).all()
+    assert made.in_frustum(point).all()
     right = (
         made.eyes[0] - 2 * made.poses[0, 2, :3] + np.tan(np.radians([29.0, 31.0]))[:, None] * 2 * made.poses[0, 0, :3]
     )
-    assert made.shows(right)[0].tolist() == [True, False]
-    assert not made.shows(made.eyes + made.poses[:, 2, :3])[np.arange(4), np.arange(4)].any(), "behind the camera"
+    assert made.in_frustum(right)[0].tolist() == [True, False]
+    assert not made.in_frustum(made.eyes + made.poses[:, 2, :3])[np.arange(4), np.arange(4)].any(), "behind the camera"
 
 
 @pytest.mark.parametrize("columns", [3, 4, 13, 17])

@@ -1,4 +1,4 @@
-"""Voxels, blockers and the graph of occlusions, against closed forms and `Occluder.visible`."""
+"""Voxels, blockers and the graph of occlusions, against closed forms and `VisibilityQuery.visible`."""
 
 import json
 
@@ -81,7 +81,7 @@ def test_who_hides_whom_in_a_row_of_balls() -> None:
     others = graph.shares.copy()
     others[1, 0] = 0.0
     assert not others.any()
-    assert json.loads(json.dumps(graph.document))["hides"] == [
+    assert json.loads(json.dumps(graph.to_dict()))["hides"] == [
         {"object": 1, "hidden_by": 0, "share": graph.shares[1, 0]}
     ]
 
@@ -95,7 +95,7 @@ def test_of_what_is_never_seen_no_share_is_known() -> None:
     assert (np.isnan(shares) == np.isnan(errors)).all()
     assert not shares[~np.isnan(shares)].any()
     assert all(each.shares[0, 0] == 0.0 for each in graphs)
-    assert not any(each.document["hides"] for each in graphs)
+    assert not any(each.to_dict()["hides"] for each in graphs)
 
 
 def test_half_a_plate_hidden_is_a_half() -> None:

@@ -32,7 +32,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
             stream.reconfigure(errors="backslashreplace")
     try:
-        interrupts.heard()
+        interrupts.install_signal_handlers()
         code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
     except click.ClickException as error:
         echo(f"error: {one_line(error)}", err=True)

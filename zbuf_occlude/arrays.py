@@ -124,7 +124,7 @@ def as_triples(values: ArrayLike, name: str) -> FloatArray:
 
 
 @njit(cache=True)
-def are_usual(bits: NDArray[np.int64]) -> bool:
+def have_safe_norms(bits: NDArray[np.int64]) -> bool:
     """Return whether n directions are all of usual length: the largest component from `SHORTEST` to 1 / that.
 
     Parameters
@@ -142,7 +142,7 @@ def are_usual(bits: NDArray[np.int64]) -> bool:
     return bool(least >= _SHORTEST_BITS) & bool(largest <= _LONGEST_BITS)
 
 
-def of_usual_length(directions: FloatArray) -> FloatArray:
+def rescale_directions(directions: FloatArray) -> FloatArray:
     """Return the same directions, shortened or lengthened by powers of two where not all are of usual length.
 
     Parameters
@@ -155,7 +155,7 @@ def of_usual_length(directions: FloatArray) -> FloatArray:
     ArgumentError
         One is zero, not finite, or too large.
     """
-    if are_usual(directions.reshape(-1).view(np.int64)):
+    if have_safe_norms(directions.reshape(-1).view(np.int64)):
         return directions
     largest = np.abs(as_vectors(directions, "directions")).max(axis=1)
     if not largest.all():
@@ -200,23 +200,23 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
-def frozen(array: NDArray[Any]) -> Any:
+def readonly_copy(array: NDArray[Any]) -> Any:
     """Return a read-only copy, so that neither the caller nor we can change what was checked."""
-    return sealed(array.copy())
+    return set_readonly(array.copy())
 
 
-def sealed(array: NDArray[Any]) -> Any:
+def set_readonly(array: NDArray[Any]) -> Any:
     """Make an array without other references read-only, and return it."""
     array.flags.writeable = False
     return array
 
 
-class Sealed:
+class ReadOnlyArrays:
     """Base of values with read-only arrays: they are that in another process too.
 
     A pickle forgets it, and for writable arrays numba compiles every kernel a second time.
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        arrays = {name: sealed(value) for name, value in state.items() if isinstance(value, np.ndarray)}
+        arrays = {name: set_readonly(value) for name, value in state.items() if isinstance(value, np.ndarray)}
         vars(self).update(state | arrays)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import LARGEST, FloatArray
-from zbuf_occlude.errors import OptionError, in_words, printable
+from zbuf_occlude.errors import OptionError, describe, escape_control
 
 MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
@@ -83,14 +83,14 @@ class Number:
         return f"{' or '.join(forms)}, {bounds} {self.unit}".rstrip()
 
 
-def line(name: str, value: Any) -> str:
+def parse_line(name: str, value: Any) -> str:
     """Return a value that is one line of text; raise OptionError where it is none."""
-    if not isinstance(value, str) or printable(value) != value or len(value) > LONGEST_LINE:
+    if not isinstance(value, str) or escape_control(value) != value or len(value) > LONGEST_LINE:
         raise OptionError(f"{name} must be one line of at most {LONGEST_LINE} characters; got {reprlib.repr(value)}.")
     return value
 
 
-def flag(name: str, value: Any) -> bool:
+def parse_bool(name: str, value: Any) -> bool:
     """Return a bool, or one of the words true and false as one; raise OptionError for anything else."""
     found = {"true": True, "false": False}.get(str(value).lower())
     if found is None:
@@ -107,9 +107,9 @@ def read_limited(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(most + 1)
     except (OSError, ValueError) as error:
-        raise OptionError(f"a file must be readable; {printable(str(path))}: {in_words(error)}.") from None
+        raise OptionError(f"a file must be readable; {escape_control(str(path))}: {describe(error)}.") from None
     if len(data) > most:
-        raise OptionError(f"{printable(str(path))} must have at most {most:,} bytes; it has more. Split it.")
+        raise OptionError(f"{escape_control(str(path))} must have at most {most:,} bytes; it has more. Split it.")
     return data
 
 
@@ -130,7 +130,7 @@ def parse_document(form: str, data: bytes, name: str | Path) -> Any:
         It is not of this form, or too large.
     """
     parsers: dict[str, Callable[[bytes], Any]] = {"JSON": _json, "YAML": _yaml, "CSV": _csv}
-    said = f"{printable(str(name))} must be {form}"
+    said = f"{escape_control(str(name))} must be {form}"
     if len(data) > MOST_BYTES[form]:
         raise OptionError(f"{said} of at most {MOST_BYTES[form]:,} bytes; it has more. Split it.")
     try:
@@ -170,7 +170,7 @@ def _csv(data: bytes) -> Columns:
         raise ValueError(f"it must have at most {MOST_COLUMNS:,} columns")
     text.seek(0)
     reader = csv.reader(text, skipinitialspace=True)
-    names = [printable(name.strip().lower()) for name in next(filter(None, reader), [])]
+    names = [escape_control(name.strip().lower()) for name in next(filter(None, reader), [])]
     _check_distinct(list(filter(None, names)))
     most = min(MOST_ROWS, MOST_CELLS // max(len(names), 1))
     rows, lines = list[list[str]](), list[int]()
@@ -188,7 +188,7 @@ def _check_distinct(names: Sequence[str]) -> None:
     """Raise ValueError where a name is there twice: one of its values would be lost."""
     for name, times in Counter(names).items():
         if times > 1:
-            raise ValueError(f"{printable(name):.80} is there {times} times; leave one")
+            raise ValueError(f"{escape_control(name):.80} is there {times} times; leave one")
 
 
 class _NoNumberError(ValueError):

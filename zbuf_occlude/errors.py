@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
-def printable(text: str) -> str:
+def escape_control(text: str) -> str:
     """Return a text with what would break a line or command a terminal written as in Python, ``\\n``, ``\\x1b``.
 
     So are bytes of file names that are not UTF-8, which Python holds as lone surrogates: ``\\xff``.
@@ -32,7 +32,7 @@ class OccludeError(Exception):
     """Base of everything this package raises on purpose; names in its message are made printable, lines kept."""
 
     def __init__(self, *arguments: object) -> None:
-        said = ("\n".join(map(printable, a.split("\n"))) if isinstance(a, str) else a for a in arguments)
+        said = ("\n".join(map(escape_control, a.split("\n"))) if isinstance(a, str) else a for a in arguments)
         super().__init__(*said)
 
 
@@ -63,12 +63,12 @@ class DatasetError(OccludeError, RuntimeError):
 def shown(value: Any) -> str:
     """Return a value as a message shows it: in one line, of some sixty characters at most."""
     try:
-        return printable(" ".join(reprlib.repr(value).split()))[:60]
+        return escape_control(" ".join(reprlib.repr(value).split()))[:60]
     except Exception:  # of whatever is passed in, a number of too many digits say
         return f"a {type(value).__name__}"
 
 
-def in_words(error: Exception) -> str:
+def describe(error: Exception) -> str:
     """Return what an exception says, without the number and the file's name that are in an OSError's text."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
@@ -84,7 +84,7 @@ class _Row(Protocol):
 AnyRow = TypeVar("AnyRow", bound=_Row)
 
 
-def check_word(name: str, value: Any, known: Collection[str]) -> None:
+def check_choice(name: str, value: Any, known: Collection[str]) -> None:
     """Raise OptionError unless a value is one of the words that there are."""
     if not isinstance(value, str) or value not in known:
         raise OptionError(f"{name} must be one of {', '.join(known)}; got {shown(value)}.{did_you_mean(value, known)}")
@@ -107,7 +107,7 @@ def _plain(word: str) -> str:
 def find_row(name: str, value: str, rows: Iterable[AnyRow]) -> AnyRow:
     """Return the row of a table whose name is `value`; raise OptionError when there is none."""
     table = {row.name: row for row in rows}
-    check_word(name, value, table)
+    check_choice(name, value, table)
     return table[value]
 
 

@@ -16,7 +16,7 @@ _NUMBERS = [
 def end_quietly() -> None:
     """Have an interrupt end this process without a word, not with a traceback, if it is the command line that begins.
 
-    For the package's first line; `heard` says when that is over. In everybody else's processes nothing changes.
+    The package calls this first, and `install_signal_handlers` ends it. Other programs that import it are left alone.
     """
     name = os.path.basename(sys.argv[0]) if sys.argv else ""
     begins = name.startswith(PROGRAM) or (name == "-m" and PACKAGE in sys.orig_argv)
@@ -24,7 +24,7 @@ def end_quietly() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def heard() -> None:
+def install_signal_handlers() -> None:
     """Have all that asks this process to end raise KeyboardInterrupt, but for what it was started to ignore.
 
     Ctrl-C, a scheduler's SIGTERM, the SIGHUP of a terminal that was closed: else temporary folders would stay.

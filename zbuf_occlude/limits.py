@@ -38,8 +38,7 @@ class Limits:
             if not value > 0:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
-    @property
-    def document(self) -> list[float]:
+    def to_dict(self) -> list[float]:
         """Plain data, for JSON."""
         return [self.seconds, self.gigabytes]
 
@@ -47,7 +46,7 @@ class Limits:
         """Whether a mesh that exceeded others may be made within these."""
         return self.seconds > others.seconds or self.gigabytes > others.gigabytes
 
-    def excess(self, seconds: float, gigabytes: float) -> str:
+    def exceeded(self, seconds: float, gigabytes: float) -> str:
         """Return which limit a mesh exceeds that has taken this much; "" for none."""
         if seconds > self.seconds:
             return f"mesh timed out after {self.seconds:g} s"
@@ -77,7 +76,7 @@ class Limits:
         began = time.monotonic()
 
         def look(number: int, frame: Any) -> None:
-            if excess := self.excess(time.monotonic() - began, resident_gigabytes(os.getpid())):
+            if excess := self.exceeded(time.monotonic() - began, resident_gigabytes(os.getpid())):
                 raise MeshError(f"{excess}. Simplify it.")
 
         before = signal.signal(signal.SIGALRM, look)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
 from zbuf_occlude.dataset.records import draw
-from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
+from zbuf_occlude.errors import ArgumentError, MeshError, check_choice, check_int
 from zbuf_occlude.geometry.camera import field_of_view, picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
@@ -22,7 +22,7 @@ from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import check_keywords, find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 N_POINTS = 2048
 """Of a partial cloud by default."""
@@ -172,7 +172,7 @@ def occlude(
     >>> zo.occlude("car.obj", eye=(9, 2, 3), sensor="vlp-16", frame="camera").eye.tolist()
     [0.0, 0.0, 0.0]
     """
-    check_word("frame", frame, FRAMES)
+    check_choice("frame", frame, FRAMES)
     check_keywords(occlude, method, options)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
@@ -292,7 +292,7 @@ def _view(
 
 def _visible(
     mesh: Mesh,
-    occluder: Occluder,
+    occluder: VisibilityQuery,
     view: Views,
     eye: FloatArray,
     n_points: int | None,
@@ -305,7 +305,7 @@ def _visible(
     asked: dict[str, Any] = {"n_points": PER_POINT * wanted} if density is None else {"density": density}
     for _ in range(ROUNDS if density is None else 1):
         points = sample_surface(mesh, seed=rng, **asked)
-        parts.append(points[occluder.visible(points, eye) & view.shows(points.positions)[0]])
+        parts.append(points[occluder.visible(points, eye) & view.in_frustum(points.positions)[0]])
         occluder.warns = False  # once is enough
         n_sampled, n_found = n_sampled + len(points), n_found + len(parts[-1])
         if n_found >= wanted:

@@ -31,7 +31,7 @@ PACKAGES = (
 """Whose versions are in every manifest and row of a comparison."""
 
 
-class Stamp(NamedTuple):
+class FileStat(NamedTuple):
     """What a file shows without being read: its name from the mesh's folder on, bytes, time of change in ns.
 
     Of a file in an archive bytes and time are the archive's.
@@ -43,7 +43,7 @@ class Stamp(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class MeshSource:
     """What a mesh was made of.
 
     Parameters
@@ -51,30 +51,29 @@ class Origin:
     sha256 : str
         Of the file's content, in hexadecimal; of several files, of the lines of their own; of a mesh from no file, of
         its recipe. Empty where nothing is known.
-    files : tuple of Stamp
+    files : tuple of FileStat
         The mesh's own file first, then those that it names. Empty for a mesh from no file.
     """
 
     sha256: str = ""
-    files: tuple[Stamp, ...] = ()
+    files: tuple[FileStat, ...] = ()
 
     @classmethod
-    def of_recipe(cls, *values: str | int) -> "Origin":
+    def of_recipe(cls, *values: str | int) -> "MeshSource":
         """Return the origin of a mesh that is computed from these values."""
         return cls(hashlib.sha256(repr(values).encode()).hexdigest())
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> "Origin":
+    def from_dict(cls, document: Mapping[str, Any]) -> "MeshSource":
         """Read back what `document` gave."""
-        return cls(document["sha256"], tuple(Stamp(*each) for each in document["files"]))
+        return cls(document["sha256"], tuple(FileStat(*each) for each in document["files"]))
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
         return {"sha256": self.sha256, "files": [list(stamp) for stamp in self.files]}
 
 
-UNKNOWN = Origin()
+UNKNOWN = MeshSource()
 
 
 @cache

@@ -13,17 +13,17 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.exact.bvh import Bvh, build_bvh, corners_of
 from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.compiler import inner, njit
+from zbuf_occlude.jit.compiler import device_function, njit
 from zbuf_occlude.jit.simd import (
     dot3,
     first_lane,
     load,
     load3,
+    load_scalar,
+    load_scalar3,
     maximum,
     muladd,
     not_less,
-    number,
-    numbers3,
     splat,
     splat3,
 )
@@ -198,7 +198,7 @@ def _cut(bvh, eyes, corners, own, may_quarter):
     return parts[:n_parts], rows[:n_parts], is_quartered
 
 
-@inner
+@device_function
 def _wait(polygon, n, eye, cone, n_eyes, polygons, states, n_waiting):
     """Put a polygon on the stack, if there is such an eye; return how many wait there."""
     if eye == n_eyes:
@@ -272,7 +272,7 @@ def _cones_before(bvh, eye, corners, own, most, found, n_cones, stack, walls, pa
     return (cones, n_sides, shadows), n_found
 
 
-@inner
+@device_function
 def _put_wall(bvh, origin, normal, constant, walls, i):
     """Write a plane, whose constant is about an origin, in scene space and float32, its normal of length 1 or 0."""
     length = np.sqrt(dot(normal, normal))
@@ -283,26 +283,26 @@ def _put_wall(bvh, origin, normal, constant, walls, i):
     walls[4 * i + 3] = min(max(away, -4.0), 4.0)  # the scene is within 1 of its centre
 
 
-@inner
+@device_function
 def _children_within(bvh, node, walls):
     """Mask of a node's children that do not lie wholly behind a wall, by more than the error of float32."""
     mask = (np.int64(1) << bvh.n_children[node]) - 1
     for i in range(WALLS):
-        highest = splat(number(walls, 4 * i + 3))
+        highest = splat(load_scalar(walls, 4 * i + 3))
         for axis in range(3):
-            across = number(walls, 4 * i + axis)
+            across = load_scalar(walls, 4 * i + axis)
             wall = load(bvh.boxes, LEAF * (6 * node + axis + (UPPER if across > ZERO else 0)))
             highest = muladd(wall, splat(across), highest)
         mask &= not_less(highest, splat(-MARGIN))
     return mask
 
 
-@inner
+@device_function
 def _faces_within(bvh, leaf, walls):
     """Mask of a leaf's faces likewise."""
     mask = bvh.used[leaf]
     for i in range(WALLS):
-        across, away = splat3(numbers3(walls, 4 * i, 1)), splat(number(walls, 4 * i + 3))
+        across, away = splat3(load_scalar3(walls, 4 * i, 1)), splat(load_scalar(walls, 4 * i + 3))
         highest = dot3(load3(bvh.corners, 9 * LEAF * leaf, LEAF), across, away)
         for corner in range(1, 3):
             highest = maximum(highest, dot3(load3(bvh.corners, (9 * leaf + 3 * corner) * LEAF, LEAF), across, away))
@@ -310,7 +310,7 @@ def _faces_within(bvh, leaf, walls):
     return mask
 
 
-@inner
+@device_function
 def _copy(polygon, first, last, target, at):
     """Copy corners from one to another to a place of a polygon."""
     for i in range(first, last):
@@ -318,7 +318,7 @@ def _copy(polygon, first, last, target, at):
             target[at + i - first, axis] = polygon[i, axis]
 
 
-@inner
+@device_function
 def _through(eye, first, second, sign, plane):
     """Write the plane through the eye and two places: its normal, and the constant that is added."""
     normal = cross(minus(first, eye), minus(second, first))
@@ -327,13 +327,13 @@ def _through(eye, first, second, sign, plane):
     plane[3] = -sign * dot(normal, first)
 
 
-@inner
+@device_function
 def _side(plane, place):
     """On which side of a plane a place lies, and how far, in lengths of the plane's normal."""
     return dot(plane, place) + plane[3]
 
 
-@inner
+@device_function
 def _cone(p, q, r, b, c, eye, heights, end, touching, part, cone):
     """Write the planes through the eye and the sides of what of a face pqr is nearer than `end`.
 
@@ -364,7 +364,7 @@ def _cone(p, q, r, b, c, eye, heights, end, touching, part, cone):
     return n, hidden
 
 
-@inner
+@device_function
 def _axes(corners):
     """Two axes of a triangle's plane, of length 1 or 0."""
     b, c = minus(corners[1], corners[0]), minus(corners[2], corners[0])
@@ -372,14 +372,14 @@ def _axes(corners):
     return _unit(b), _unit(across)
 
 
-@inner
+@device_function
 def _unit(vector):
     length = np.sqrt(dot(vector, vector))
     inverse = 1.0 / length if length > 0.0 else 0.0
     return vector[0] * inverse, vector[1] * inverse, vector[2] * inverse
 
 
-@inner
+@device_function
 def _cast_shadow(part, n, eye, normal, height, axes, shadow):
     """Write the bounds of the shadow of a part, along two axes of the plane that it falls on; widened, or endless."""
     shadow[0] = shadow[2] = np.inf
@@ -400,7 +400,7 @@ def _cast_shadow(part, n, eye, normal, height, axes, shadow):
             shadow[2 * j + 1] = max(shadow[2 * j + 1], at + slack)
 
 
-@inner
+@device_function
 def _box_of(polygon, n, origin, axes):
     """Bounds of a polygon along two axes."""
     low, high, left, right = np.inf, -np.inf, np.inf, -np.inf
@@ -411,12 +411,12 @@ def _box_of(polygon, n, origin, axes):
     return low, high, left, right
 
 
-@inner
+@device_function
 def _are_apart(box, other):
     return (box[0] > other[1]) | (box[1] < other[0]) | (box[2] > other[3]) | (box[3] < other[2])
 
 
-@inner
+@device_function
 def _is_apart(polygon, n, origin, cone, n_sides):
     """Whether a polygon lies outside one of a cone's sides."""
     if n_sides < 3:
@@ -430,7 +430,7 @@ def _is_apart(polygon, n, origin, cone, n_sides):
     return False
 
 
-@inner
+@device_function
 def _split(polygon, n, origin, plane, inside, outside):
     """Split a convex polygon by a plane; return how many corners each part has."""
     n_inside = n_outside = 0
@@ -453,7 +453,7 @@ def _split(polygon, n, origin, plane, inside, outside):
     return n_inside, n_outside
 
 
-@inner
+@device_function
 def _area(polygon, n):
     """Twice the area of a convex polygon."""
     area = 0.0
@@ -463,7 +463,7 @@ def _area(polygon, n):
     return area
 
 
-@inner
+@device_function
 def _put(polygon, n, least, row, parts, rows, n_parts):
     """Append a polygon's triangles."""
     for i in range(1, n - 1):

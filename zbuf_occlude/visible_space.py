@@ -98,8 +98,7 @@ class OcclusionGraph:
     def __repr__(self) -> str:
         return f"OcclusionGraph({len(self.labels)} objects, {int((self.shares > 0).sum())} of them pairs that hide)"
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data, for scene_occlusion.json: the objects, and for each pair that hides its numbers and its share."""
         pairs = [
             {"object": a, "hidden_by": b, "share": float(self.shares[a, b])}
@@ -129,7 +128,7 @@ def visibility_grid(
     Raises
     ------
     ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare` and `Occluder.first_hits`.
+        As `prepare` and `VisibilityQuery.first_hits`.
 
     Examples
     --------
@@ -169,7 +168,7 @@ def blockers(
     Raises
     ------
     ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare`, `Occluder.visible` and `Occluder.first_hits`.
+        As `prepare`, `VisibilityQuery.visible` and `VisibilityQuery.first_hits`.
 
     Examples
     --------
@@ -207,14 +206,14 @@ def occlusion_graph(
     Raises
     ------
     ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare`, `Occluder.visible` and `Occluder.first_hits`.
+        As `prepare`, `VisibilityQuery.visible` and `VisibilityQuery.first_hits`.
 
     Examples
     --------
     >>> car = zo.load_mesh("car.obj")
     >>> other = zo.scenes.Placed(car, "car", zo.scenes.moved(to=(9, 0, 0)))
     >>> scene = zo.Scene.joined([zo.scenes.Placed(car, "car"), other])
-    >>> zo.occlusion_graph(scene, [30.0, 1.0, 1.0]).document["hides"][0]["hidden_by"]
+    >>> zo.occlusion_graph(scene, [30.0, 1.0, 1.0]).to_dict()["hides"][0]["hidden_by"]
     1
     """
     if not isinstance(scene, Scene):

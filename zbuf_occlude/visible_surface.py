@@ -99,7 +99,7 @@ def visible_faces(
     ArgumentError
         A number out of range; `exactly` of a method that has errors.
     OptionError, UnavailableError, GlError
-        As `prepare` and `Occluder.visible`.
+        As `prepare` and `VisibilityQuery.visible`.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", 
     Raises
     ------
     ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare` and `Occluder.visible`.
+        As `prepare` and `VisibilityQuery.visible`.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def coverage(
     Raises
     ------
     ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare` and `Occluder.visible`.
+        As `prepare` and `VisibilityQuery.visible`.
 
     Examples
     --------

@@ -62,11 +62,11 @@ def test_a_line_moves_while_functions_are_compiled(monkeypatch: pytest.MonkeyPat
 @pytest.mark.long
 def test_the_number_of_functions_is_about_right(tmp_path: Path) -> None:
     program = (
-        "from zbuf_occlude.dataset.plan import Recipe\n"
-        "from zbuf_occlude.dataset.rehearsal import compile_ahead, n_functions\n"
+        "from zbuf_occlude.dataset.plan import DatasetConfig\n"
+        "from zbuf_occlude.dataset.rehearsal import warm_up_jit, n_functions\n"
         "from zbuf_occlude.jit.compiler import on_compiled\n"
         "heard = []\non_compiled(lambda: heard.append(1))\n"
-        "compile_ahead(Recipe('exact'))\nprint(len(heard), n_functions(Recipe('exact')))"
+        "warm_up_jit(DatasetConfig('exact'))\nprint(len(heard), n_functions(DatasetConfig('exact')))"
     )
     child = python("-c", program, NUMBA_CACHE_DIR=str(tmp_path))
     compiled, expected = map(int, child.stdout.split())

@@ -122,7 +122,7 @@ def test_a_run_that_fell_to_software_says_so_first_and_in_the_manifest(
 ) -> None:
     (tmp_path / "nvidiactl").touch()
     monkeypatch.setattr(devices, "NVIDIA", tmp_path / "nvidiactl")
-    monkeypatch.setattr(devices, "hindrance", lambda: devices.Hindrance("it is hidden.", "show it"))
+    monkeypatch.setattr(devices, "find_gl_problem", lambda: devices.GlProblem("it is hidden.", "show it"))
     out = tmp_path / "out"
     result = run(f"generate --limit 1 --views ring:2@30 --points 200 --workers 1 --out {out}")
     if "llvmpipe" not in result.out:

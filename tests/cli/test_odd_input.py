@@ -14,7 +14,7 @@ import trimesh
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.meshes import MeshCollection
 
@@ -154,7 +154,7 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
     corners = np.random.default_rng(0).uniform(size=(900, 3))  # far more area than its longest side says
     write_off(tetrahedron.parent / "soup_1.off", corners, np.arange(900).reshape(300, 3))
     monkeypatch.setattr("zbuf_occlude.geometry.sampling.MAX_POINTS", 2_000)
-    recipe = Recipe("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
+    recipe = DatasetConfig("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
     document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), recipe), tmp_path / "out")
     assert document["counts"]["clouds"] == 1
     assert list(document["failures"]) == ["solids/soup_1.off"]

@@ -13,7 +13,7 @@ from tests.cli.conftest import Run, write_off
 from tests.scenes import box
 from zbuf_occlude import cli
 from zbuf_occlude.drawing.pages import Table, marked_up, verbatim
-from zbuf_occlude.errors import printable
+from zbuf_occlude.errors import escape_control
 
 OFF = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
 CLASSES = (b"<img src=x onerror=alert(1)>", b"a|b\x1b[31m\xff")
@@ -61,7 +61,7 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
         assert not COMMANDS_PER_TERMINAL.search(outcome.out + outcome.err), (outcome.out, outcome.err)
         assert "Traceback" not in outcome.err
         if arguments[0] == "status":
-            assert f"failed      a|b\\x1b[31m\\xff/\\xfe<u>.off: {printable(str(meshes))}" in outcome.out
+            assert f"failed      a|b\\x1b[31m\\xff/\\xfe<u>.off: {escape_control(str(meshes))}" in outcome.out
     assert Elements(out / "gallery.html").found.isdisjoint({"img", "u", "s", "hostile"})
 
 

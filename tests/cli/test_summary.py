@@ -12,16 +12,18 @@ import pytest
 from tests.cli.conftest import Run, write_off
 from tests.scenes import SQUARE, stacked
 from zbuf_occlude.cli.generate import files_beside
-from zbuf_occlude.cli.messages import measured
+from zbuf_occlude.cli.messages import format_error_rates
 from zbuf_occlude.cli.shell import progress_bar
-from zbuf_occlude.dataset.counts import Counts, WorstView
+from zbuf_occlude.dataset.counts import QualityCounts, WorstView
 
 
 def test_counts_add_up_and_keep_the_worst() -> None:
-    one = Counts(n_checked=64, false_visible=1, n_views_checked=4, n_bad_views=1, worst=WorstView(0.2, "a", 0, 3))
-    other = Counts(n_checked=64, false_hidden=2, n_views_checked=4, worst=WorstView(0.01, "b", 1, 2))
-    total = sum([Counts(faces_dropped={"duplicate": 2}), other, one], Counts())
-    assert total == Counts.from_document(json.loads(json.dumps(total.document)))
+    one = QualityCounts(
+        n_checked=64, false_visible=1, n_views_checked=4, n_bad_views=1, worst=WorstView(0.2, "a", 0, 3)
+    )
+    other = QualityCounts(n_checked=64, false_hidden=2, n_views_checked=4, worst=WorstView(0.01, "b", 1, 2))
+    total = sum([QualityCounts(faces_dropped={"duplicate": 2}), other, one], QualityCounts())
+    assert total == QualityCounts.from_dict(json.loads(json.dumps(total.to_dict())))
     error = total.error
     assert error["worst_view"] == {"share": 0.2, "mesh": "a", "variation": 0, "view": 3}
     assert (error["bad_views"], error["false_visible"], error["false_hidden"]) == (1 / 8, 1 / 128, 2 / 128)
@@ -30,8 +32,8 @@ def test_counts_add_up_and_keep_the_worst() -> None:
 
 @pytest.mark.parametrize(("share", "warned"), [(0.05, False), (0.06, True)])
 def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: bool) -> None:
-    counts = Counts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
-    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error, False)
+    counts = QualityCounts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
+    text = format_error_rates((counts + QualityCounts(worst=WorstView(share, "chair", 0, 7))).error, False)
     warning = (
         "warning: 6% of the points checked in view 7 of chair are wrong, and more than 1 % in 3.0% of the views checked"
     )
@@ -40,8 +42,8 @@ def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: boo
 
 def test_what_was_not_checked_has_no_error() -> None:
     """Clouds of which none was checked are not called complete, nor right."""
-    assert "nothing was removed" in measured(Counts().error, True)
-    said = measured(Counts(n_clouds=3).error, False)
+    assert "nothing was removed" in format_error_rates(QualityCounts().error, True)
+    said = format_error_rates(QualityCounts(n_clouds=3).error, False)
     assert said.startswith("warning: ")
     assert "not known" in said
     assert "%" not in said

@@ -67,7 +67,7 @@ def test_the_report_computes_no_visibility(folder: Path, monkeypatch: pytest.Mon
     def refuse(*args: object, **kwargs: object) -> None:
         raise AssertionError("visibility was computed")
 
-    monkeypatch.setattr("zbuf_occlude.visibility.interface.Occluder.visible", refuse)
+    monkeypatch.setattr("zbuf_occlude.visibility.interface.VisibilityQuery.visible", refuse)
     before = (folder / "report.md").read_text()
     report.write_report(folder)
     assert (folder / "report.md").read_text() == before

@@ -16,7 +16,7 @@ from zbuf_occlude.compare.cases import Case, Question, Subject, ask
 from zbuf_occlude.compare.run import (
     ENOUGH_REPEATS,
     ROWS,
-    Bench,
+    BenchmarkCase,
     ComparisonFolder,
     MeasurementFailed,
     Reference,
@@ -29,7 +29,7 @@ from zbuf_occlude.compare.run import (
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility import METHODS
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 ABOVE = views.ring(2, elevation=89.4)
 
@@ -97,7 +97,7 @@ class Killer:
 
 
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
-    with closing(Bench(limit=60.0)) as bench:
+    with closing(BenchmarkCase(limit=60.0)) as bench:
         with pytest.raises(MeasurementFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
@@ -106,7 +106,7 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
             bench.measure(plates(), "oracle", {}, 600.0)
 
 
-class Slow(Occluder):
+class Slow(VisibilityQuery):
     """Takes a microsecond for each pair, and `first` seconds for the first call, by a clock of its own."""
 
     def __init__(self, mesh: Mesh, first: float = 0.0) -> None:

@@ -219,7 +219,7 @@ def test_figures_without_data_are_absent(thing: zo.Mesh, tmp_path: Path) -> None
     (found,) = zo.compare_scans(wall, [seen_by(wall, CAMERA, before)], CAMERA, poses=[before])
     spreads = [span["sigma"] for span in found.by_incidence]
     assert np.isnan(spreads).tolist() == [False, False, True, True, True, True]
-    assert [span["sigma"] for span in found.document["by_incidence"]][2:] == [None] * 4
+    assert [span["sigma"] for span in found.to_dict()["by_incidence"]][2:] == [None] * 4
     away = look_at([5.0, 0.0, 0.0], [9.0, 0.0, 0.0])
     vertices = (wall.vertices - away[:3, 3]) @ away[:3, :3]
     (found,) = zo.compare_scans(wall, [vertices], CAMERA, poses=[away], tolerance=1e-6, slack=1e-6)

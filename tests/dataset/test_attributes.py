@@ -11,14 +11,14 @@ from tests.scenes import box
 from zbuf_occlude import Mesh
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
@@ -40,7 +40,7 @@ def plan(format: str, load: Callable[[], Mesh] = painted, **recipe: object) -> P
     row = find_format(format)
     drawn = {name: value for name, value in row.options.items() if name in ("views", "sample_size", "scale")}
     settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **recipe}
-    made = Recipe(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
+    made = DatasetConfig(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
     label = "table" if row.classes else "cube"
     entries = [MeshEntry(f"cube/{split}/cube_{split}", label, split, load) for split in ("train", "test")]
     return Plan(MeshCollection(entries), made, format)
@@ -77,7 +77,7 @@ def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: s
 def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
     generate(plan("npz"), tmp_path / "with")
     without = plan("npz")
-    without = Plan(without.meshes, Recipe(**{**without.document["recipe"], "attributes": ()}), "npz")
+    without = Plan(without.meshes, DatasetConfig(**{**without.document["recipe"], "attributes": ()}), "npz")
     generate(without, tmp_path / "without")
     with (
         np.load(tmp_path / "with" / "train-000000.npz") as one,
@@ -103,7 +103,7 @@ def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("format", ["hdf5", "packed"])
 def test_scans_have_the_colours_that_their_rays_met(format: str, tmp_path: Path) -> None:
-    setup = Setup(make("vlp-16").document, range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
+    setup = ScanConfig(make("vlp-16").to_dict(), range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
     made = plan(format, scanning=asdict(setup), views="ring:3@20", scale="mesh", sample_size=None)
     generate(made, tmp_path)
     source = open_dataset(tmp_path)

@@ -13,7 +13,7 @@ from zbuf_occlude.dataset.atomic import DAMAGES, reading
 from zbuf_occlude.dataset.folder import checksums, read_manifest
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import DatasetError
@@ -21,7 +21,7 @@ from zbuf_occlude.errors import DatasetError
 SUFFIXES = (".h5", ".zip", ".tar", ".npz")
 CLASSES = ("bed", "table")
 """Which every format has."""
-RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+RECIPE = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
 
 
 @pytest.fixture(scope="module", params=[row.name for row in FORMATS if not row.exported_from])

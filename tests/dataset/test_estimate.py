@@ -8,7 +8,7 @@ import pytest
 from tests.dataset.test_generate import tetrahedron
 from zbuf_occlude import Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.rehearsal import estimate
 from zbuf_occlude.meshes.collection import MeshEntry
 
@@ -19,7 +19,7 @@ def bad(number: int) -> Mesh:
 
 def plan_of(format: str, n_bad: int = 0) -> Plan:
     entries = [MeshEntry(f"m{i}", "chair", "train", partial(bad if i < n_bad else tetrahedron, i)) for i in range(10)]
-    recipe = Recipe("oracle", views="ring:30@20", n_points=400, sample_size=100)
+    recipe = DatasetConfig("oracle", views="ring:30@20", n_points=400, sample_size=100)
     return Plan(MeshCollection(entries), recipe, format)
 
 

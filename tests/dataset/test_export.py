@@ -16,12 +16,12 @@ from zbuf_occlude import DatasetError, Mesh, OptionError
 from zbuf_occlude.dataset.export import convert, names_of
 from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 MESHES = [
@@ -51,10 +51,10 @@ def plan(format: str, **changes: object) -> Plan:
     return Plan(collection(format), replace(recipe, **changes), format)
 
 
-def recipe_for(row: Format, n_points: int, sample_size: int) -> Recipe:
+def recipe_for(row: Format, n_points: int, sample_size: int) -> DatasetConfig:
     """Return a recipe of few views that a format can hold."""
     views = str(row.options.get("views", "ring:3@10"))
-    recipe = Recipe(method="exact", n_points=n_points, views=views, sample_size=sample_size)
+    recipe = DatasetConfig(method="exact", n_points=n_points, views=views, sample_size=sample_size)
     if row.name in ("frames", "bop"):
         recipe = replace(recipe, scanning=camera(), attributes=("normals",))
     if row.name == "kitti":
@@ -64,13 +64,13 @@ def recipe_for(row: Format, n_points: int, sample_size: int) -> Recipe:
 
 def camera() -> dict[str, object]:
     """A pinhole camera that keeps all that it sees."""
-    return asdict(Setup(make("pinhole", width=24, height=18, fov=40).document, size="file", keep="all"))
+    return asdict(ScanConfig(make("pinhole", width=24, height=18, fov=40).to_dict(), size="file", keep="all"))
 
 
 def lidar() -> dict[str, object]:
     """A coarse LiDAR on the ground that keeps all that it meets."""
     sensor = make("hdl-64e", columns=60, divergence=0)
-    return asdict(Setup(sensor.document, range=(8, 12), size="file", scene="ground", keep="all"))
+    return asdict(ScanConfig(sensor.to_dict(), range=(8, 12), size="file", scene="ground", keep="all"))
 
 
 Made = Callable[[str], Path]
@@ -312,7 +312,7 @@ def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, form
 def test_objects_of_a_class_have_names_of_their_own() -> None:
     """Also where their taxonomies differ: layouts have folders of either."""
     entries = [MeshEntry(f"{synset}/model", "thing", "train", slab) for synset in ("02691156", "03001627")]
-    names = names_of(Plan(MeshCollection(entries), Recipe(), "epn3d"))
+    names = names_of(Plan(MeshCollection(entries), DatasetConfig(), "epn3d"))
     assert names.taxonomies == ["02691156", "03001627"]
     assert names.objects == ["model", "model_2"]
 
@@ -359,7 +359,7 @@ def test_names_are_words_and_differ() -> None:
     keys = ["a/x.off", "a/y/x.off", "a/x.1.off", "a b/x.off", "a-b/x.off", "02691156/x", "02691156/x.y"]
     labels = ["a", "a", "a", "a b", "a-b", "plane", "plane"]
     entries = [MeshEntry(key, label, "train", slab) for key, label in zip(keys, labels, strict=True)]
-    names = names_of(Plan(MeshCollection(entries), Recipe()))
+    names = names_of(Plan(MeshCollection(entries), DatasetConfig()))
     assert names.taxonomies == ["a", "a", "a", "a_b", "a_b_2", "02691156", "02691156"]
     assert names.objects == ["x", "x_2", "x_1", "x", "x", "x", "x_y"]
     assert names.classes[-1] == "plane"

@@ -10,15 +10,15 @@ import pytest
 from tests.dataset.test_generate import files
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset import folder as claiming
-from zbuf_occlude.dataset.folder import occupy, plan_in, remove, sorted_out
+from zbuf_occlude.dataset.folder import claim_folder, partition_files, plan_in, remove
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
+from zbuf_occlude.dataset.plan import DATA_VERSION, DatasetConfig, Plan
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
-RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+RECIPE = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
 PLAN = Plan(shapes.collection(n_members=1), RECIPE)
 
 
@@ -40,7 +40,7 @@ def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: st
 def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_path: Path, format: str) -> None:
     out, plan = tmp_path / "out", replace(PLAN, format=format, meshes=find_format(format).select(PLAN.meshes))
     generate(plan, out)
-    assert sorted_out(out, plan)[1] == []
+    assert partition_files(out, plan)[1] == []
     others = (
         "notes.txt",
         "train-9.tar",
@@ -70,7 +70,7 @@ def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_
 
 def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
-    occupy(PLAN, out)
+    claim_folder(PLAN, out)
     elsewhere.mkdir()
     (elsewhere / "000000.batch").write_text("mine")
     (out / "work").symlink_to(elsewhere)
@@ -89,7 +89,7 @@ def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> 
 
 
 def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
-    occupy(PLAN, tmp_path)
+    claim_folder(PLAN, tmp_path)
     other = Plan(PLAN.meshes, replace(RECIPE, seed=7, n_points=60))
     with pytest.raises(DatasetError, match=r"in which n_points was 50, and is 60; seed was 0, and is 7\. Choose"):
         generate(other, tmp_path)
@@ -99,32 +99,33 @@ def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
 
 def test_the_number_of_a_sensor_that_differs_is_named_alone(tmp_path: Path) -> None:
     setups = [
-        Setup(make("vlp-16", columns=columns).document, range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
+        ScanConfig(make("vlp-16", columns=columns).to_dict(), range=(5.0, 9.0), size={"car": 4.0})
+        for columns in (60, 90)
     ]
     plans = [Plan(PLAN.meshes, replace(RECIPE, scanning=asdict(setup))) for setup in setups]
-    occupy(plans[0], tmp_path)
+    claim_folder(plans[0], tmp_path)
     with pytest.raises(DatasetError, match=r"in which scanning\.sensor\.pattern\.columns was 60, and is 90\. Choose"):
-        occupy(plans[1], tmp_path)
+        claim_folder(plans[1], tmp_path)
 
 
 def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The other comes between the look at the empty folder and the writing of the plan."""
     other = Plan(PLAN.meshes, replace(RECIPE, seed=7))
-    occupy(other, tmp_path)
+    claim_folder(other, tmp_path)
     looks = iter([None])
     monkeypatch.setattr(claiming, "plan_in", lambda out: next(looks, other))
     with pytest.raises(DatasetError, match="seed was 7, and is 0"):
-        occupy(PLAN, tmp_path)
-    occupy(other, tmp_path)  # the same plan twice is one run more
+        claim_folder(PLAN, tmp_path)
+    claim_folder(other, tmp_path)  # the same plan twice is one run more
     assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == other.fingerprint
 
 
 def test_a_plan_of_an_earlier_version_is_read_and_not_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    occupy(PLAN, tmp_path)
+    claim_folder(PLAN, tmp_path)
     monkeypatch.setattr("zbuf_occlude.dataset.plan.DATA_VERSION", 1000)
     newer = Plan(PLAN.meshes, RECIPE)
     assert plan_in(tmp_path) is not None
     with pytest.raises(DatasetError, match=f"in which data version was {DATA_VERSION}, and is 1000"):
-        occupy(newer, tmp_path)
+        claim_folder(newer, tmp_path)

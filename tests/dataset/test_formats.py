@@ -10,12 +10,12 @@ import pytest
 from tests.scenes import box
 from zbuf_occlude import OptionError
 from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
-from zbuf_occlude.dataset.plan import Numbers, Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Numbers, Plan
 from zbuf_occlude.dataset.records import point_fields, record_type
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 SIZE = 6
 SIZES = (3, 1, 40, 7, 2, 9, 4, 1, 12, 5, 6)
@@ -24,10 +24,10 @@ DRAWN = [row for row in FORMATS if not (row.exported_from or row.keeps_points)]
 ids = [row.name for row in DRAWN]
 
 
-SCANNING = asdict(Setup(make("vlp-16").document, keep_clean=True))
+SCANNING = asdict(ScanConfig(make("vlp-16").to_dict(), keep_clean=True))
 
 
-def plan(recipe: Recipe) -> Plan:
+def plan(recipe: DatasetConfig) -> Plan:
     entries = [
         MeshEntry(f"{label}/{split}/a b.{i}.off", label, split, box)
         for i, (label, split) in enumerate([("bed", "train"), ("arm chair", "test"), ("bed", "test")])
@@ -35,7 +35,7 @@ def plan(recipe: Recipe) -> Plan:
     return Plan(MeshCollection(entries), recipe)
 
 
-def random_records(recipe: Recipe) -> np.ndarray:
+def random_records(recipe: DatasetConfig) -> np.ndarray:
     """Records of every field filled with values that a careless format would change."""
     rng, n = np.random.default_rng(5), len(SIZES)
     records = np.zeros(n, record_type(recipe))
@@ -71,19 +71,19 @@ def equal(a: np.ndarray, b: np.ndarray) -> bool:
     params=[(None, SIZE), (SCANNING, SIZE), (None, None), (SCANNING, None)],
     ids=["surface", "scans", "ragged surface", "ragged scans"],
 )
-def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
+def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> CloudReader:
     """Eleven of the plan's twelve clouds, of which each file takes three."""
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 3)
     scanning, size = request.param
-    recipe = Recipe(views="ring:2@10", variations=2, sample_size=size, scanning=scanning)
+    recipe = DatasetConfig(views="ring:2@10", variations=2, sample_size=size, scanning=scanning)
     records = random_records(recipe)
     numbers: Numbers = np.random.default_rng(1).permutation(11)
     train = numbers[records["mesh_id"][numbers] == 0]
     test = numbers[records["mesh_id"][numbers] != 0]
-    return Source(plan(recipe), {"train": train, "test": test}, lambda wanted: records[wanted])
+    return CloudReader(plan(recipe), {"train": train, "test": test}, lambda wanted: records[wanted])
 
 
-def write(row: Format, source: Source, out: Path) -> dict[str, list[str]]:
+def write(row: Format, source: CloudReader, out: Path) -> dict[str, list[str]]:
     """Write all clouds of a source; return the names of the files of each split."""
     plan, module = replace(source.plan, format=row.name), row.load()
     names: dict[str, list[str]] = {split: [] for split in source.order}
@@ -95,12 +95,12 @@ def write(row: Format, source: Source, out: Path) -> dict[str, list[str]]:
     return names
 
 
-def content(source: Source) -> dict[str, np.ndarray]:
+def content(source: CloudReader) -> dict[str, np.ndarray]:
     return {split: source.take(numbers) for split, numbers in source.order.items()}
 
 
 @pytest.mark.parametrize("row", DRAWN, ids=ids)
-def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
+def test_round_trip(row: Format, source: CloudReader, tmp_path: Path) -> None:
     before = content(source)
     files = write(row, source, tmp_path)
     back = row.load().read(tmp_path, source.plan, files)
@@ -113,7 +113,7 @@ def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("row", DRAWN, ids=ids)
-def test_same_clouds_same_bytes_and_the_names_that_were_said(row: Format, source: Source, tmp_path: Path) -> None:
+def test_same_clouds_same_bytes_and_the_names_that_were_said(row: Format, source: CloudReader, tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         write(row, source, tmp_path / name)
@@ -124,7 +124,7 @@ def test_same_clouds_same_bytes_and_the_names_that_were_said(row: Format, source
     assert names == {path for path in written if not path.name.endswith("_files.txt")}, "--overwrite removes these"
 
 
-def test_webdataset_reads_the_shards(source: Source, tmp_path: Path) -> None:
+def test_webdataset_reads_the_shards(source: CloudReader, tmp_path: Path) -> None:
     wds = pytest.importorskip("webdataset", reason="the package webdataset is not installed")
     files = write(find_format("webdataset"), source, tmp_path)
     assert files["test"] == ["test-000000.tar", "test-000001.tar", "test-000002.tar"]
@@ -138,7 +138,7 @@ def test_webdataset_reads_the_shards(source: Source, tmp_path: Path) -> None:
         assert np.array_equal(sample["json"]["pose"], record["pose"])
 
 
-def test_numpy_reads_the_npz_and_h5py_the_hdf5(source: Source, tmp_path: Path) -> None:
+def test_numpy_reads_the_npz_and_h5py_the_hdf5(source: CloudReader, tmp_path: Path) -> None:
     before = content(source)["test"]
     write(find_format("npz"), source, tmp_path)
     with np.load(tmp_path / "test-000002.npz") as archive:

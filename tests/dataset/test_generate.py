@@ -19,10 +19,10 @@ from tests.dataset.test_export import recipe_for
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset import plan as plans
 from zbuf_occlude.dataset.batch import batch_path, group_path
-from zbuf_occlude.dataset.folder import locked, sorted_out
+from zbuf_occlude.dataset.folder import locked, partition_files
 from zbuf_occlude.dataset.formats import FORMATS
-from zbuf_occlude.dataset.generate import Making, generate, merge
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.generate import GenerateTask, generate, merge
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import GivenUp, Limits
@@ -30,7 +30,7 @@ from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.workers import Done, Task, run_here
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = Recipe(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
+RECIPE = DatasetConfig(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
 
 
@@ -129,7 +129,7 @@ def test_same_files_in_any_order_and_by_any_number_of_machines(
     assert merge(plan, machines) == document, "a second one finds it done"
     assert whole == files(tmp_path / "shuffled") == files(machines)
     assert verify(machines, None).faults == []
-    assert sorted_out(machines, plan)[1] == []
+    assert partition_files(machines, plan)[1] == []
 
 
 def test_files_mix_classes_and_objects_of_a_whole_group(plan: Plan, whole: dict[str, bytes], made_once: Path) -> None:
@@ -289,7 +289,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     document = generate(plan, tmp_path / "one")
     assert list(document["failures"]) == ["m4"]
     assert verify(tmp_path / "one", None).faults == []
-    assert sorted_out(tmp_path / "one", plan)[1] == []
+    assert partition_files(tmp_path / "one", plan)[1] == []
     for n_jobs in (2, 1):
         with pytest.raises(Killed):
             generate(plan, tmp_path / "two", run=killed_after(n_jobs))
@@ -307,7 +307,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
             patched.setattr(os, "replace", replace_thrice)
             with pytest.raises(Killed):
                 generate(plan, tmp_path / "two")
-        assert sorted_out(tmp_path / "two", plan)[1] == []
+        assert partition_files(tmp_path / "two", plan)[1] == []
     generate(plan, tmp_path / "two", run=shuffled)
     assert files(tmp_path / "one") == files(tmp_path / "two")
     for share in ((1, 2), (0, 2)):
@@ -337,7 +337,7 @@ class TestOrigins:
 
     @staticmethod
     def plan(meshes: Path, up: str | None = None) -> Plan:
-        recipe = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)  # two meshes a batch
+        recipe = DatasetConfig(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)  # two meshes a batch
         return Plan(MeshCollection.from_paths(meshes, up=up), recipe)
 
     @pytest.mark.parametrize("n_jobs", [1, 2, 9])
@@ -394,11 +394,11 @@ class TestOrigins:
     def test_a_mesh_that_exceeded_limits_is_tried_again_within_wider_ones(self, meshes: Path, tmp_path: Path) -> None:
         out, plan = tmp_path / "out", self.plan(meshes)
 
-        class Losing(Making):
+        class Losing(GenerateTask):
             def do(self, job: Any, gl: Any, lost: Any = None, on_mesh: Any = None) -> Any:
                 return super().do(job, gl, {1: GivenUp("it took longer", Limits(60, 4))})
 
-        def run(task: Making, jobs: list[Any], done: Done) -> None:  # type: ignore[misc]
+        def run(task: GenerateTask, jobs: list[Any], done: Done) -> None:  # type: ignore[misc]
             run_here(Losing(task.plan, task.out, False), jobs, done)
 
         first = generate(plan, out, run=run, limits=Limits(60, 4))  # type: ignore[arg-type]

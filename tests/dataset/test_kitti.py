@@ -17,14 +17,14 @@ from scipy.spatial import ConvexHull
 from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.sensors.boxes import as_label
 from zbuf_occlude.sensors.catalog import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 CAR, PILLAR = (4.0, 1.8, 1.5), (1.0, 1.0, 2.0)
 RANGE, HEIGHT = 12.0, 1.73
@@ -35,15 +35,15 @@ THINGS = {
     "van": (-8.0, 2.0, 0.0),  # behind the car with the LiDAR
     "cyclist": (9.0, 0.9, 0.3),  # behind the pedestrian, which hides it
 }
-SETUP = Setup(
-    make("hdl-64e", columns=900, noise=0).document, range=(RANGE, RANGE), size="file", scene="ground", keep="all"
+SETUP = ScanConfig(
+    make("hdl-64e", columns=900, noise=0).to_dict(), range=(RANGE, RANGE), size="file", scene="ground", keep="all"
 )
 """With a ground alone."""
 Line = tuple[str, list[float]]
 
 
-def plan(setup: Setup, format: str = "kitti", splits: tuple[str, ...] = ("train",)) -> Plan:
-    recipe = Recipe(
+def plan(setup: ScanConfig, format: str = "kitti", splits: tuple[str, ...] = ("train",)) -> Plan:
+    recipe = DatasetConfig(
         method="exact", views="ring:1@0", sample_size=None, scale="mesh", attributes=("boxes",), scanning=asdict(setup)
     )
     entries = [MeshEntry(f"{split}/box", "car", split, lambda: box_mesh(*CAR)) for split in splits]
@@ -227,7 +227,7 @@ def test_splits_and_frames_without_objects(tmp_path: Path) -> None:
         (lambda plan: replace(plan.recipe, scanning=asdict(replace(SETUP, motion={"turn": 9.0}))), "Give --deskew"),
     ],
 )
-def test_what_cannot_be_written(change: Callable[[Plan], Recipe], words: str) -> None:
+def test_what_cannot_be_written(change: Callable[[Plan], DatasetConfig], words: str) -> None:
     one = plan(SETUP)
     with pytest.raises(OptionError, match=words):
         find_format("kitti").check(replace(one, recipe=change(one)))

@@ -20,14 +20,14 @@ from tests.scenes import box, sphere
 from zbuf_occlude import DatasetError, Mesh, OptionError, prepare
 from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.packed import Grid, PackedDataset, pack_integers, pack_mask, unpack_integers, unpack_mask
+from zbuf_occlude.dataset.packed import PackedDataset, Quantizer, pack_integers, pack_mask, unpack_integers, unpack_mask
 from zbuf_occlude.dataset.pipeline import sample
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.provenance import seed_of
 
-RECIPE = Recipe(method="oracle", views="fibonacci:7", n_points=301, variations=2, sample_size=50)
+RECIPE = DatasetConfig(method="oracle", views="fibonacci:7", n_points=301, variations=2, sample_size=50)
 
 
 def ball() -> Mesh:
@@ -41,7 +41,7 @@ def brick() -> Mesh:
 LOADS: dict[str, Callable[[], Mesh]] = {"ball_0": ball, "brick_0": brick, "ball_1": ball}
 
 
-def plan(recipe: Recipe = RECIPE, format: str = "packed") -> Plan:
+def plan(recipe: DatasetConfig = RECIPE, format: str = "packed") -> Plan:
     splits = ("train", "test", "train")
     entries = [MeshEntry(k, k[:-2], split, load) for (k, load), split in zip(LOADS.items(), splits, strict=True)]
     return Plan(MeshCollection(entries), recipe, format)
@@ -72,11 +72,11 @@ def test_mask_round_trip(mask: Any) -> None:
 
 def test_the_grid_rounds_by_half_a_step_at_most_and_reaches_the_corners() -> None:
     bounds = np.array([[-3.0, 5, 0], [7, 6, 0]])
-    grid = Grid.of_box(bounds)
+    grid = Quantizer.of_box(bounds)
     assert grid.step == pytest.approx(10 / 65535)
     positions = np.random.default_rng(0).uniform(bounds[0], bounds[1], (1000, 3))
-    assert np.abs(grid.positions(grid.rounded(positions)) - positions).max() <= grid.step / 2 * (1 + 1e-9)
-    assert np.allclose(grid.positions(grid.rounded(bounds))[:, 0], bounds[:, 0], rtol=0, atol=1e-12)
+    assert np.abs(grid.positions(grid.quantize(positions)) - positions).max() <= grid.step / 2 * (1 + 1e-9)
+    assert np.allclose(grid.positions(grid.quantize(bounds))[:, 0], bounds[:, 0], rtol=0, atol=1e-12)
 
 
 def test_every_cloud_is_the_selection_rounded_to_the_step(folder: Path) -> None:

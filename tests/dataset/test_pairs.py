@@ -15,9 +15,9 @@ from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.export.registration import MATCHED, choose_pairs
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.shapes import make
 
 SIZE = 2048
@@ -28,7 +28,7 @@ def plan(*meshes: Mesh, **changed: Any) -> Plan:
         MeshEntry(f"m{i}", "thing", "train" if i % 2 == 0 else "test", lambda m=m: m) for i, m in enumerate(meshes)
     ]
     given = {"views": "fibonacci:16", "n_points": 20_000, "sample_size": SIZE, "overlap": (0.3, 0.7), **changed}
-    recipe = Recipe(method="exact", **given)
+    recipe = DatasetConfig(method="exact", **given)
     return Plan(MeshCollection(entries), find_format("pairs").redrawn(recipe), "pairs")
 
 
@@ -87,8 +87,8 @@ def test_overlaps_are_those_of_nearest_neighbours(made: tuple[Path, dict[str, An
 
 def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_places_see(tmp_path: Path) -> None:
     sensor = sensors.make("pinhole", width=160, height=120, fov=40.0, noise=0.002)
-    setup = Setup(sensor.document, range=(3.0, 3.0), size={"thing": 1.0}, method="exact")
-    made = plan(make("bottle", 1), sample_size=1024, scale="mesh", scanning=setup.document)
+    setup = ScanConfig(sensor.to_dict(), range=(3.0, 3.0), size={"thing": 1.0}, method="exact")
+    made = plan(make("bottle", 1), sample_size=1024, scale="mesh", scanning=setup.to_dict())
     generate(made, tmp_path / "scans")
     rows = read(tmp_path / "scans" / "MVP_Train_RG.h5")
     assert len(rows["overlap"]) == 16
@@ -115,7 +115,7 @@ def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_place
     with pytest.raises(DatasetError, match="generate --format"):
         convert(tmp_path / "packed", tmp_path / "converted", "pairs")
     with pytest.raises(OptionError, match="object alone"):
-        generate(plan(box(), scanning=setup.document | {"scene": "room"}), tmp_path / "room")
+        generate(plan(box(), scanning=setup.to_dict() | {"scene": "room"}), tmp_path / "room")
 
 
 def test_overlaps_are_counted_and_even() -> None:
@@ -138,7 +138,7 @@ def test_overlaps_are_counted_and_even() -> None:
 def test_what_gives_no_pairs(tmp_path: Path) -> None:
     manifest = generate(plan(box(), sphere(), views="ring:4@0", overlap=(0.45, 0.55)), tmp_path / "one")
     assert manifest["counts"]["objects_without_pairs"] == 1, "a box shows whole sides"
-    without = Plan(plan(box()).meshes, Recipe(method="exact", views="ring:2@20", scale="object"), "pairs")
+    without = Plan(plan(box()).meshes, DatasetConfig(method="exact", views="ring:2@20", scale="object"), "pairs")
     for message, refused in (
         ("must have a range", without),
         ("2 views", plan(box(), views="ring:1@20")),
@@ -151,5 +151,5 @@ def test_what_gives_no_pairs(tmp_path: Path) -> None:
 
 
 def test_recipes_without_overlap_are_as_they_were() -> None:
-    assert "overlap" not in Recipe().document
-    assert Recipe(overlap=(0.3, 0.7)).document["overlap"] == (0.3, 0.7)
+    assert "overlap" not in DatasetConfig().to_dict()
+    assert DatasetConfig(overlap=(0.3, 0.7)).to_dict()["overlap"] == (0.3, 0.7)

@@ -5,7 +5,7 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import OptionError, shapes
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.presets import MODELNET8, find_preset, plan_of_originals
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
@@ -86,7 +86,9 @@ def test_modelnet40_cs_sensors_stand_as_far_from_an_object_of_longest_side_two(p
 
 
 def test_originals_are_the_same_points_without_hsr() -> None:
-    plan = Plan(modelnet(1, 0), Recipe(n_points=77, sample_size=50, seed=4, method="oracle", variations=3), "npz")
+    plan = Plan(
+        modelnet(1, 0), DatasetConfig(n_points=77, sample_size=50, seed=4, method="oracle", variations=3), "npz"
+    )
     originals = plan_of_originals(plan)
     assert originals.n_clouds == 8
     assert originals.recipe.complete

@@ -17,8 +17,8 @@ from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.folder import sha256_of
 from zbuf_occlude.dataset.formats import FORMATS, Format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.records import laid_out, read_archive
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.records import read_archive, to_arrays
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -32,7 +32,9 @@ ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "t
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same dataset in hdf5 and packed."""
     root = tmp_path_factory.mktemp("ragged")
-    recipe = Recipe(method="oracle", views="fibonacci:5", n_points=300, variations=2, sample_size=None, scale="mesh")
+    recipe = DatasetConfig(
+        method="oracle", views="fibonacci:5", n_points=300, variations=2, sample_size=None, scale="mesh"
+    )
     for format in ("hdf5", "packed"):
         generate(Plan(MeshCollection(ENTRIES), recipe, format), root / format)
     return root
@@ -43,7 +45,7 @@ def test_pieces_of_batches_are_read_back(folder: Path) -> None:
     records = source.take(source.order["train"])
     for some in (records, records[:0]):
         file = io.BytesIO()
-        np.savez(file, **laid_out(some, source.plan.recipe))
+        np.savez(file, **to_arrays(some, source.plan.recipe))
         assert equal(read_archive(io.BytesIO(file.getvalue()), source.plan.recipe), some)
 
 
@@ -141,7 +143,7 @@ def test_pytorch(folder: Path) -> None:
 
 @pytest.mark.parametrize("row", [row for row in FORMATS if not row.ragged], ids=lambda row: row.name)
 def test_other_formats_refuse(row: Format, tmp_path: Path, folder: Path) -> None:
-    plan = Plan(MeshCollection(ENTRIES), Recipe(sample_size=None), row.name)
+    plan = Plan(MeshCollection(ENTRIES), DatasetConfig(sample_size=None), row.name)
     words = f"--format {row.name} holds clouds of one size; got --sample-size all"
     with pytest.raises(OptionError, match=words):
         row.check(plan)

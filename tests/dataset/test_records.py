@@ -8,8 +8,8 @@ from scipy import stats
 
 from tests.scenes import box
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, Views, sample_surface
-from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.records import ALL, draw, draw_visible, farthest_points, fit, gather_clouds
+from zbuf_occlude.dataset.plan import DatasetConfig
+from zbuf_occlude.dataset.records import ALL, draw, draw_visible, farthest_points, gather_clouds, unit_box_transform
 from zbuf_occlude.views import ring
 
 SEED = np.uint64(12345)
@@ -46,21 +46,21 @@ def test_draw_repeats_only_when_there_are_fewer_and_drops_none() -> None:
 
 def test_fit_makes_the_longest_side_one() -> None:
     positions = np.array([[1.0, 2, 3], [5, 3, 3], [2, 2, 4]])
-    centre, factor = fit(positions)
+    centre, factor = unit_box_transform(positions)
     scaled = (positions - centre) * factor
     assert np.ptp(scaled, axis=0).max() == pytest.approx(1.0)
     assert np.allclose(scaled.min(axis=0) + scaled.max(axis=0), 0)
-    assert fit(np.ones((4, 3)))[1] == 1.0
+    assert unit_box_transform(np.ones((4, 3)))[1] == 1.0
 
 
 def test_a_view_that_sees_nothing_gives_no_cloud(points: SurfacePoints) -> None:
-    records = gather_clouds(points, half_mask(points), VIEWS, Recipe(sample_size=50), "square", 0)
+    records = gather_clouds(points, half_mask(points), VIEWS, DatasetConfig(sample_size=50), "square", 0)
     assert records["view_id"].tolist() == [0, 2]
     assert records["n_visible"].tolist() == [int(half_mask(points)[0].sum()), 3]
 
 
 def test_centre_and_factor_lead_back_to_visible_points(points: SurfacePoints) -> None:
-    record = gather_clouds(points, half_mask(points), VIEWS, Recipe(sample_size=50), "square", 0)[0]
+    record = gather_clouds(points, half_mask(points), VIEWS, DatasetConfig(sample_size=50), "square", 0)[0]
     back = record["data"] / record["factor"] + record["centre"]
     distance = np.abs(back[:, None] - points.positions[None]).max(axis=2).min(axis=1)
     assert distance.max() < 1e-6
@@ -69,7 +69,7 @@ def test_centre_and_factor_lead_back_to_visible_points(points: SurfacePoints) ->
 
 
 def test_camera_frame_puts_the_eye_at_the_origin_looking_along_minus_z(points: SurfacePoints) -> None:
-    recipe = Recipe(sample_size=50, scale="mesh", frame="camera")
+    recipe = DatasetConfig(sample_size=50, scale="mesh", frame="camera")
     record = gather_clouds(points, half_mask(points), VIEWS, recipe, "square", 0)[0]
     assert (record["data"][:, 2] < 0).all()
     world = (record["data"] - record["pose"][:3, 3]) @ record["pose"][:3, :3]
@@ -82,7 +82,7 @@ def test_camera_frame_puts_the_eye_at_the_origin_looking_along_minus_z(points: S
 
 def test_the_subset_depends_on_seed_key_variation_and_view_only(points: SurfacePoints) -> None:
     def data(**changes: object) -> bytes:
-        recipe = Recipe(sample_size=50, seed=int(changes.get("seed", 0)))  # type: ignore[call-overload]
+        recipe = DatasetConfig(sample_size=50, seed=int(changes.get("seed", 0)))  # type: ignore[call-overload]
         key, variation = str(changes.get("key", "a")), int(changes.get("variation", 0))  # type: ignore[call-overload]
         return gather_clouds(points, half_mask(points), VIEWS, recipe, key, variation)["data"].tobytes()
 
@@ -157,12 +157,12 @@ def test_clouds_of_farthest_points_are_spread_more_evenly_than_random_ones() -> 
     mask[1, 50:] = False  # fewer than asked
     closest = {}
     for subset in ("random", "fps"):
-        clouds = gather_clouds(points, mask, views, Recipe(subset=subset, sample_size=200), "key", 0)
+        clouds = gather_clouds(points, mask, views, DatasetConfig(subset=subset, sample_size=200), "key", 0)
         assert set(points.face_ids[:50]) >= set(clouds[1]["face_ids"]), "points repeat, none is made up"
         cloud = clouds[0]["data"].astype(float)
         apart = np.linalg.norm(cloud[:, None] - cloud, axis=2) + np.eye(200) * 9
         closest[subset] = apart.min()
-        again = gather_clouds(points, mask, views, Recipe(subset=subset, sample_size=200), "key", 0)
+        again = gather_clouds(points, mask, views, DatasetConfig(subset=subset, sample_size=200), "key", 0)
         assert np.array_equal(again["data"], clouds["data"])
     assert closest["fps"] > 5 * closest["random"]
 
@@ -178,8 +178,8 @@ def test_clouds_of_farthest_points_are_spread_more_evenly_than_random_ones() -> 
 )
 def test_what_no_recipe_has(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(OptionError, match=message):
-        Recipe(**changes)
+        DatasetConfig(**changes)
 
 
 def test_attributes_are_in_the_order_of_their_columns() -> None:
-    assert Recipe(attributes=("colors", "normals")).attributes == ["normals", "colors"]
+    assert DatasetConfig(attributes=("colors", "normals")).attributes == ["normals", "colors"]

@@ -12,13 +12,13 @@ from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 from zbuf_occlude.dataset.batch import batch_path, make_batch, read_outcome
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.rehearsal import compile_ahead
+from zbuf_occlude.dataset.plan import Plan, DatasetConfig
+from zbuf_occlude.dataset.rehearsal import warm_up_jit
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude import shapes
 from zbuf_occlude.jit import compiler
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 def compiled():
     functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
@@ -27,10 +27,10 @@ def compiled():
 method, scene, kind = sys.argv[1:]
 boxes = ["boxes"] if kind.endswith("boxes") else []
 keep = "all" if boxes else "target"
-setup = scene and asdict(Setup(make("hdl-64e").document, range=(10.0, 10.0), scene=scene, keep=keep))
+setup = scene and asdict(ScanConfig(make("hdl-64e").to_dict(), range=(10.0, 10.0), scene=scene, keep=keep))
 compiler.note_compiled = print
-recipe = Recipe(method, views="ring:2@0", scanning=setup or None, attributes=boxes)
-compile_ahead(recipe)
+recipe = DatasetConfig(method, views="ring:2@0", scanning=setup or None, attributes=boxes)
+warm_up_jit(recipe)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() if method == "depth_buffer" else nullcontext() as gl:
     plan = Plan(shapes.collection().interleaved().limit(2), recipe)

@@ -13,7 +13,7 @@ from zbuf_occlude import views
 from zbuf_occlude.dataset import gallery
 from zbuf_occlude.dataset.gallery import PANEL, TITLE, write_contact_sheet
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.geometry.camera import view_matrices
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -101,7 +101,7 @@ def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> Non
 
 def test_what_is_hidden_stands_grey_beside_what_is_seen(tmp_path: Path) -> None:
     """Of a packed dataset, in the fixed view; from the camera nothing of it would show."""
-    recipe = Recipe(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
+    recipe = DatasetConfig(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
     plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "packed")
     generate(plan, tmp_path / "packed")
     image = np.asarray(Image.open(tmp_path / "packed" / "contact_sheet.png")).astype(int)

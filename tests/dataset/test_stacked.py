@@ -8,10 +8,10 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import soup
 from zbuf_occlude.cli.messages import stacked
-from zbuf_occlude.dataset.counts import Counts, WorstMesh
+from zbuf_occlude.dataset.counts import QualityCounts, WorstMesh
 from zbuf_occlude.dataset.pipeline import samplings
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.stacked import count_stacked
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.stacked import count_coincident_surfaces
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility.interface import CONTACT
 
@@ -34,7 +34,9 @@ def test_two_sheets_of_known_spacing(gap: float, share: float, axes: tuple[int, 
     """Nearer than the contact tolerance they touch, and hide nothing."""
     mesh = two_sheets(gap)
     mesh = zo.Mesh(mesh.vertices[:, axes], mesh.faces)
-    counts = count_stacked(mesh, zo.sample_surface(mesh, n_points=5000, seed=0), TOLERANCE * mesh.diagonal, "two")
+    counts = count_coincident_surfaces(
+        mesh, zo.sample_surface(mesh, n_points=5000, seed=0), TOLERANCE * mesh.diagonal, "two"
+    )
     assert counts.most_stacked == WorstMesh(counts.n_stacked / counts.n_looked_at, "two")
     assert counts.n_stacked / counts.n_looked_at == pytest.approx(share, abs=0.04 if share else 0.0)
 
@@ -51,13 +53,13 @@ def test_what_is_stacked_is_what_the_oracle_meets_along_the_normals(seed: int) -
         ]
     expected = int((np.minimum(*met) <= tolerance - contact).sum())
     assert 20 < expected < 480
-    assert count_stacked(mesh, points, tolerance, "soup").n_stacked == expected
+    assert count_coincident_surfaces(mesh, points, tolerance, "soup").n_stacked == expected
 
 
 def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
     mesh = two_sheets(5e-5)
     for method, options in (("depth_buffer", {}), ("depth_buffer", {"tolerance": 4e-5}), ("exact", {})):
-        recipe = Recipe(method=method, method_options=options, views="ring:2@40", n_points=2000, sample_size=16)
+        recipe = DatasetConfig(method=method, method_options=options, views="ring:2@40", n_points=2000, sample_size=16)
         meshes = MeshCollection([MeshEntry("two", "two", "train", lambda: mesh)])
         (sampling,) = samplings(Plan(meshes, recipe), mesh, 0, gl)
         found = sampling.counts.stacked
@@ -69,11 +71,13 @@ def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
 
 
 def test_the_summary_names_the_mesh() -> None:
-    counts = Counts(n_looked_at=1000, n_stacked=10, most_stacked=WorstMesh(0.01, "cup"))
+    counts = QualityCounts(n_looked_at=1000, n_stacked=10, most_stacked=WorstMesh(0.01, "cup"))
     document: dict[str, Any] = {"options": {"method": "depth_buffer"}}
     assert stacked(document | {"stacked": counts.stacked}) == stacked(document) == []
-    counts = counts + Counts(n_looked_at=1000, n_stacked=500, most_stacked=WorstMesh(0.5, "plate")) + Counts()
-    assert Counts.from_document(counts.document) == counts
+    counts = (
+        counts + QualityCounts(n_looked_at=1000, n_stacked=500, most_stacked=WorstMesh(0.5, "plate")) + QualityCounts()
+    )
+    assert QualityCounts.from_dict(counts.to_dict()) == counts
     (line,) = stacked(document | {"stacked": counts.stacked})
     assert line.startswith("warning: 50% of the surface of plate, and 25.5% of all, has another sheet nearer than the ")
     assert line.endswith("--method exact tells them apart.")

@@ -7,7 +7,7 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -19,7 +19,7 @@ N = 32
 
 def plan(**changes: object) -> Plan:
     mesh = box(tuple(SIDES)).transformed(1.0, (3.0, 1.0, 2.0))
-    recipe = Recipe(method="exact", views="ring:2@0", n_points=500, sample_size=64, **changes)
+    recipe = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=64, **changes)
     return Plan(MeshCollection([MeshEntry("crate/one.off", "crate", "train", lambda: mesh)]), recipe, "voxels")
 
 

@@ -7,7 +7,7 @@ from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.exact.bvh import Bvh, build_bvh
 from zbuf_occlude.exact.layout import LEAF
 from zbuf_occlude.geometry.hilbert import hilbert_order
-from zbuf_occlude.jit.threads import alone
+from zbuf_occlude.jit.threads import single_threaded
 
 
 def leaves_below(bvh: Bvh, node: int, box: np.ndarray) -> list[int]:
@@ -71,7 +71,7 @@ def test_faces_at_one_place_are_in_one_leaf_each(n: int) -> None:
 def test_the_number_of_threads_changes_nothing() -> None:
     mesh = shapes.benchmark_mesh(150_000)  # more than one thread is woken for
     by_many = build_bvh(mesh, 0.0)
-    with alone():
+    with single_threaded():
         by_one = build_bvh(mesh, 0.0)
     used = (np.arange(LEAF) < by_one.n_children[:, None]).reshape(-1)
     np.testing.assert_array_equal(by_many.children[used], by_one.children[used])

@@ -15,7 +15,7 @@ from tests.random_scenes import CONTACTS, KINDS, scene, wrong_answers, wrong_ans
 from tests.scenes import row_in_a_plane
 from zbuf_occlude import Mesh, sample_surface
 from zbuf_occlude.shapes import solids
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,7 +34,7 @@ def test_random_scenes_are_answered_as_by_rational_arithmetic(monkeypatch: pytes
 
 
 def test_random_scenes_notice_a_method_that_errs() -> None:
-    class Blind(Occluder):
+    class Blind(VisibilityQuery):
         def _visible(self, points: zo.SurfacePoints, eyes: np.ndarray) -> np.ndarray:
             return np.ones((len(eyes), len(points)), dtype=bool)
 

@@ -12,7 +12,7 @@ from tests.rational import exact, sees
 from tests.rational import meeting as rational_meeting
 from zbuf_occlude import Mesh
 from zbuf_occlude.geometry.determinants import CLEAR, determinant, low_part
-from zbuf_occlude.geometry.predicates import blocks, compare_meetings, meeting
+from zbuf_occlude.geometry.predicates import blocks, compare_hits, ray_triangle_t
 
 Vector = tuple[float, float, float]
 
@@ -160,8 +160,8 @@ def test_meetings_are_ordered_as_by_rational_arithmetic(origin: Vector, face: An
     assume(any(direction))
     met = [rational_meeting(exact(origin), exact(direction), [exact(c) for c in corners]) for corners in (face, other)]
     for corners, t in zip((face, other), met, strict=True):
-        found, error = meeting(origin, direction, *corners)
+        found, error = ray_triangle_t(origin, direction, *corners)
         assert np.isinf(found) == (t is None)
         assert t is None or abs(Fraction(found) - t) <= Fraction(error)
     if None not in met:
-        assert compare_meetings(origin, direction, face, other) == (met[0] > met[1]) - (met[0] < met[1])
+        assert compare_hits(origin, direction, face, other) == (met[0] > met[1]) - (met[0] < met[1])

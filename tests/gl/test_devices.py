@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from zbuf_occlude.gl import devices
-from zbuf_occlude.gl.devices import ICD, EglDevice, hindrance, left_by_cuda
+from zbuf_occlude.gl.devices import ICD, EglDevice, find_gl_problem, left_by_cuda
 
 LIBRARIES = "usr/lib/x86_64-linux-gnu"
 WHOLE = (
@@ -25,8 +25,11 @@ def machine(root: Path, *files: str) -> Path:
 
 
 def test_nothing_is_missing_and_no_gpu_no_hindrance(tmp_path: Path) -> None:
-    assert hindrance(machine(tmp_path / "gpu", *WHOLE, "proc/driver/nvidia/capabilities/gpu0/mig/config"), {}) is None
-    assert hindrance(machine(tmp_path / "none", *WHOLE[1:3]), {}) is None
+    assert (
+        find_gl_problem(machine(tmp_path / "gpu", *WHOLE, "proc/driver/nvidia/capabilities/gpu0/mig/config"), {})
+        is None
+    )
+    assert find_gl_problem(machine(tmp_path / "none", *WHOLE[1:3]), {}) is None
 
 
 @pytest.mark.parametrize(
@@ -39,7 +42,7 @@ def test_nothing_is_missing_and_no_gpu_no_hindrance(tmp_path: Path) -> None:
     ],
 )
 def test_each_missing_file_is_told_apart(missing: str, cause: str, fix: str, tmp_path: Path) -> None:
-    found = hindrance(machine(tmp_path, *(file for file in WHOLE if not file.endswith(missing))), {})
+    found = find_gl_problem(machine(tmp_path, *(file for file in WHOLE if not file.endswith(missing))), {})
     assert found is not None
     assert cause in found.cause
     assert fix in found.fix
@@ -47,11 +50,11 @@ def test_each_missing_file_is_told_apart(missing: str, cause: str, fix: str, tmp
 
 def test_a_gpu_cut_into_instances_has_no_graphics(tmp_path: Path) -> None:
     whole = machine(tmp_path, *WHOLE)
-    found = hindrance(whole, {"CUDA_VISIBLE_DEVICES": "MIG-5d1f"})
+    found = find_gl_problem(whole, {"CUDA_VISIBLE_DEVICES": "MIG-5d1f"})
     assert found is not None
     assert "MIG" in found.cause
     assert "--method exact" in found.fix
-    assert hindrance(machine(tmp_path, "proc/driver/nvidia/capabilities/gpu0/mig/gi1/access"), {}) == found
+    assert find_gl_problem(machine(tmp_path, "proc/driver/nvidia/capabilities/gpu0/mig/gi1/access"), {}) == found
 
 
 @pytest.mark.parametrize(

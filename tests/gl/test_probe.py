@@ -6,7 +6,7 @@ import pytest
 
 from zbuf_occlude.cli.lists import backend_lines
 from zbuf_occlude.gl import probe as module
-from zbuf_occlude.gl.devices import FIXES, EglDevice, Hindrance
+from zbuf_occlude.gl.devices import FIXES, EglDevice, GlProblem
 from zbuf_occlude.gl.probe import LIMITS, Probe, probe, probe_all
 
 
@@ -57,7 +57,7 @@ def test_a_hidden_nvidia_gpu_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         "osmesa": {"works": False, "reason": "it is not there"},
     }
     monkeypatch.setattr(module, "_ask", lambda *arguments: json.loads(json.dumps(answers[arguments[0]])))
-    monkeypatch.setattr(module, "hindrance", lambda: Hindrance("it is hidden.", "show it"))
+    monkeypatch.setattr(module, "find_gl_problem", lambda: GlProblem("it is hidden.", "show it"))
     egl, osmesa = probe_all()
     assert egl.works
     assert (egl.reason, egl.fix) == ("it is hidden.", "show it")

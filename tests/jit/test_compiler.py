@@ -11,7 +11,7 @@ import pytest
 from numba import njit as njit_of_numba
 
 from zbuf_occlude.jit import compiler
-from zbuf_occlude.jit.compiler import ROOMS, njit
+from zbuf_occlude.jit.compiler import CACHE_KEY_FOLDERS, njit
 
 ROOT = Path(__file__).parents[2]
 NOWHERE = "/dev/null"  # no folder, and nothing can be made in it, by root neither
@@ -166,7 +166,7 @@ def test_a_job_is_noted_as_compiled_until_a_source_changes(package: Path) -> Non
 
 
 def is_kernel(node: ast.FunctionDef) -> bool:
-    words = ("njit", "inner", "inlined", "merged", "shared")
+    words = ("njit", "device_function", "always_inline", "inline_ir", "parallel_kernel")
     return any(ast.unparse(decorator).startswith(words) for decorator in node.decorator_list)
 
 
@@ -180,7 +180,7 @@ def imported_by_kernels(tree: ast.Module) -> set[str]:
 
 def test_what_compiled_functions_are_made_of_is_part_of_the_state() -> None:
     """A constant of a file elsewhere could change, and functions compiled with it stay."""
-    hashed = {path for room in ROOMS for path in (ROOT / "zbuf_occlude" / room).glob("*.py")}
+    hashed = {path for room in CACHE_KEY_FOLDERS for path in (ROOT / "zbuf_occlude" / room).glob("*.py")}
     looked_at = 0
     for path in sorted((ROOT / "zbuf_occlude").rglob("*.py")):
         modules = imported_by_kernels(ast.parse(path.read_text(encoding="utf-8")))

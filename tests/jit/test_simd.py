@@ -59,7 +59,7 @@ def test_two_vectors_to_one_and_to_a_mask(n, load) -> None:
 def test_a_number_stands_in_all_lanes(n, load) -> None:
     @njit
     def kernel(a, b, mask, out):
-        number, v = simd.number(b, 5), load(a, 0)
+        number, v = simd.load_scalar(b, 5), load(a, 0)
         store(out, 0, number - v)
         store(out, n, v * number)
         store(out, 2 * n, simd.minimum(number, v))
@@ -170,7 +170,7 @@ def test_three_vectors_at_a_time() -> None:
         simd.store3(out, 16, 16, cross(u, v))
         simd.store3(out, 64, 16, simd.transform(matrix, u[0], u[1], u[2]))
         simd.store3(out, 112, 16, simd.splat3((matrix[0], matrix[1], matrix[2])))
-        out[160:163] = simd.numbers3(matrix, 1, 4)
+        out[160:163] = simd.load_scalar3(matrix, 1, 4)
 
     out = np.zeros((11, 16), dtype=np.float32)
     kernel(a, b, matrix, out.reshape(-1))

@@ -8,7 +8,7 @@ import pytest
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.errors import ArgumentError, DatasetError
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 
@@ -86,9 +86,9 @@ def test_too_many_points_and_sets_that_do_not_fit() -> None:
 def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
     """Occluded clouds know their camera, complete ones have none; both know their object."""
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
-    recipe = Recipe(method="exact", views="ring:3@40", n_points=600, sample_size=64)
+    recipe = DatasetConfig(method="exact", views="ring:3@40", n_points=600, sample_size=64)
     generate(Plan(meshes, recipe, format), tmp_path / "seen")
-    whole = Recipe(method="exact", views="ring:1@0", n_points=600, sample_size=64, complete=True)
+    whole = DatasetConfig(method="exact", views="ring:1@0", n_points=600, sample_size=64, complete=True)
     generate(Plan(meshes, whole, format), tmp_path / "whole")
     seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
     assert seen.classes == ("bed", "table")
@@ -107,7 +107,7 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
 
 
 def test_a_point_that_is_not_finite_is_told_with_its_folder(tmp_path: Path) -> None:
-    recipe = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+    recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
     generate(Plan(shapes.collection(n_members=2), recipe, "hdf5"), tmp_path / "clouds")
     with h5py.File(tmp_path / "clouds" / "ply_data_train0.h5", "a") as file:
         file["data"][3, 1, 2] = np.nan

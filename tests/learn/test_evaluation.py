@@ -98,7 +98,7 @@ def test_every_cloud_is_asked_about_once_and_in_evaluation_mode() -> None:
 
 
 def test_no_clouds_and_another_number_of_classes() -> None:
-    assert evaluate(Highest(), clouds(np.empty(0), np.empty(0, int))).document["accuracy"] is None
+    assert evaluate(Highest(), clouds(np.empty(0), np.empty(0, int))).to_dict()["accuracy"] is None
     test = CloudSet(np.zeros((1, 1, 3)), np.array([0]), ("a",), np.array([0]), np.array([0.0]))
     with pytest.raises(ArgumentError, match="the test set must have the model's 4 classes; it has 1"):
         evaluate(Highest(), test)

@@ -406,7 +406,7 @@ def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("lines", "passing"),
+    ("lines", "transmittance"),
     [
         ("d 0.25", 0.75),
         ("Kd 1 0 0\nTr 0.4", 0.4),
@@ -415,25 +415,25 @@ def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) 
         ("map_Kd texture.png\nd 0.1", 0.9),
     ],
 )
-def test_materials_of_mtl_let_light_pass(tmp_path: Path, lines: str, passing: float) -> None:
+def test_materials_of_mtl_let_light_pass(tmp_path: Path, lines: str, transmittance: float) -> None:
     mesh = load_mesh(write_quad(tmp_path, f"newmtl painted\n{lines}\n"), colors=True)
-    assert mesh.colors.passing == pytest.approx(passing)
+    assert mesh.colors.transmittance == pytest.approx(transmittance)
     assert {mesh.colors.materials[i].name for i in mesh.colors.material_ids} == {"painted"}
-    assert mesh.transparent({"paint*": 0.5}).colors.passing == pytest.approx(0.5)
-    assert not mesh.transparent({"other": 0.5}).colors.passing.any()
+    assert mesh.transparent({"paint*": 0.5}).colors.transmittance == pytest.approx(0.5)
+    assert not mesh.transparent({"other": 0.5}).colors.transmittance.any()
 
 
 @pytest.mark.parametrize(
-    ("material", "passing"),
+    ("material", "transmittance"),
     [
         ({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.3]}}, 0.7),
         ({"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.3]}}, 0.0),
         ({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.9}}}, 0.9),
     ],
 )
-def test_materials_of_gltf_let_light_pass(tmp_path: Path, material: dict, passing: float) -> None:
+def test_materials_of_gltf_let_light_pass(tmp_path: Path, material: dict, transmittance: float) -> None:
     mesh = load_mesh(write_gltf(tmp_path / "glass.gltf", {"name": "glass", **material}), colors=True)
-    assert mesh.transparent({"glass": None}).colors.passing == pytest.approx(passing)
+    assert mesh.transparent({"glass": None}).colors.transmittance == pytest.approx(transmittance)
 
 
 def test_ply_of_strips_has_the_colours_of_its_vertices(tmp_path: Path) -> None:

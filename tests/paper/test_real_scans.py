@@ -220,7 +220,7 @@ def test_boxes_are_where_the_things_are(drive: tuple[str, Path]) -> None:
         assert np.linalg.det(box.rotation) == pytest.approx(1.0, abs=1e-5)
         assert np.allclose(box.rotation[:, 0], [np.cos(thing.yaw), np.sin(thing.yaw), 0.0], atol=1e-5)
         assert np.allclose(box.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-5)
-        assert box.holds(sweep.points).sum() == thing.n_points
+        assert box.contains(sweep.points).sum() == thing.n_points
 
 
 def test_clouds_are_what_lies_in_boxes_that_have_points_enough(drive: tuple[str, Path]) -> None:

@@ -17,7 +17,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 from tests.paper import light  # noqa: E402
 from tests.paper.hand_made import TINY, write_sydney  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
-from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.meshes import MeshCollection  # noqa: E402
@@ -313,7 +313,7 @@ def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
 def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
     class Two(experiments_module.Experiment):
         def plans(self) -> dict[str, Plan]:
-            recipe = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+            recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
             return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), recipe, "hdf5")}
 
         def trials(self) -> list[experiments_module.Trial]:

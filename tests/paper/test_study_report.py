@@ -20,7 +20,7 @@ def write(folder: Path, results: list[Result]) -> None:
     """Write results as a study leaves them."""
     (folder / FOLDER).mkdir(parents=True)
     study = {
-        "size": TINY.document,
+        "size": TINY.to_dict(),
         "objects": "shapes <b>",
         "date": "2026-01-02",
         "missing_methods": {"x": "no | luck"},

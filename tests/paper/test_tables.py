@@ -11,7 +11,7 @@ from tests.scenes import CHAIR, box, needs_chair
 from zbuf_occlude import views
 from zbuf_occlude.compare import cases
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.paper.tables import TABLE_1A, TABLE_1B, TABLE_2, paper_tables, row_of, table_2
 
@@ -85,7 +85,7 @@ def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
 
 def test_random_views_are_drawn_for_each_object() -> None:
     """As in `generate`: by the key, and the same whatever other meshes there are."""
-    recipe = Recipe(views="random:4", seed=3)
+    recipe = DatasetConfig(views="random:4", seed=3)
     entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
     asked = [
         [
@@ -128,7 +128,7 @@ def test_the_papers_last_column_is_the_quotient_of_two_others() -> None:
 def test_our_row_counts_clouds_and_every_file_that_is_needed(tmp_path: Path) -> None:
     plan = Plan(
         MeshCollection([MeshEntry("b", "box", "train", box)]),
-        Recipe(method="oracle", views="ring:4@10", n_points=90, sample_size=30),
+        DatasetConfig(method="oracle", views="ring:4@10", n_points=90, sample_size=30),
         "packed",
     )
     generate(plan, tmp_path / "out")

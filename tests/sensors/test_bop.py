@@ -17,11 +17,11 @@ from PIL import Image
 import zbuf_occlude as zo
 from tests.scenes import box, sphere
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.kinds import plate_mesh
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 WIDTH, HEIGHT = 96, 64
 SCENE = Scene.joined(
@@ -39,9 +39,9 @@ def pixels(path: Path) -> Any:
     return np.asarray(Image.open(path))
 
 
-def dataset(folder: Path, views: str, setup: Setup, meshes: dict[str, Callable[[], zo.Mesh]]) -> dict[str, Any]:
+def dataset(folder: Path, views: str, setup: ScanConfig, meshes: dict[str, Callable[[], zo.Mesh]]) -> dict[str, Any]:
     """Generate the views of some classes of one mesh each; return the manifest."""
-    recipe = Recipe(
+    recipe = DatasetConfig(
         method="exact", views=views, scanning=asdict(setup), sample_size=None, scale="mesh", attributes=("normals",)
     )
     entries = [MeshEntry(f"a/{label}.off", label, "train", mesh) for label, mesh in meshes.items()]
@@ -174,7 +174,7 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
     import open3d as o3d
 
     sensor = zo.sensors.make("pinhole", width=WIDTH, height=HEIGHT, fov=60)
-    setup = Setup(sensor.document, size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
+    setup = ScanConfig(sensor.to_dict(), size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
     manifest = dataset(tmp_path, "ring:3@15", setup, {"chest": lambda: box((0.4, 0.5, 0.8)), "lamp": lambda: sphere(8)})
     assert manifest["counts"]["clouds"] == 6
     n_models, n_objects = len(json.loads((tmp_path / "models" / "models_info.json").read_text())), 0
@@ -199,7 +199,7 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
 
 def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
     """Of an object that nothing hides all is visible, also where the sensor has no return."""
-    setup = Setup(zo.sensors.make("kinect-v1").document, size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
+    setup = ScanConfig(zo.sensors.make("kinect-v1").to_dict(), size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
     dataset(tmp_path, "ring:1@15", setup, {"crate": box})
     place = tmp_path / "train" / "000000"
     (info,) = json.loads((place / "scene_gt_info.json").read_text())["0"]

@@ -11,11 +11,11 @@ import zbuf_occlude as zo
 from tests.needs import need
 from tests.scenes import box, soup, sphere
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.scenes import Placed, moved
 from zbuf_occlude.sensors.frames import depth_unit
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 SMALL = {"width": 64, "height": 48}
 CAMERAS = [
@@ -193,10 +193,10 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
     width, height = (20, 30) if from_file else (64, 48)  # those of a file are in the file
     sensor = zo.sensors.make("pinhole", width=width, height=height, fov=30)
-    recipe = Recipe(
+    recipe = DatasetConfig(
         method="exact",
         views=str(cameras) if from_file else "ring:3@25",
-        scanning=asdict(Setup(sensor.document, size="file", keep="all", method="exact")),
+        scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", method="exact")),
         sample_size=None,
         scale="mesh",
         attributes=("normals",),
@@ -232,10 +232,10 @@ def test_of_several_echoes_a_picture_has_the_first(form: str, tmp_path: Path) ->
     for returns in ("first", "last", "all"):
         numbers = {"width": 64, "height": 48, "fov": 40, "divergence": 0.02, "echo_separation": 0.1}
         sensor = zo.sensors.make("pinhole", returns=returns, **numbers)
-        recipe = Recipe(
+        recipe = DatasetConfig(
             method="exact",
             views="ring:1@0",
-            scanning=asdict(Setup(sensor.document, size="file", keep="all", range=(4.0, 4.0), method="exact")),
+            scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", range=(4.0, 4.0), method="exact")),
             sample_size=None,
             scale="mesh",
             attributes=("normals",),

@@ -11,7 +11,7 @@ import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, stacked
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors import Motion, look_at, make, read_trajectory
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 ROOM = box((20.0, 16.0, 6.0))
 
@@ -167,13 +167,13 @@ def test_a_camera_that_looks_once_cannot_move() -> None:
         with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
             zo.scan(ROOM, sensor, motion=Motion(turn=1.0))
         with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
-            Setup(make(sensor).document, motion={"turn": 1.0})
+            ScanConfig(make(sensor).to_dict(), motion={"turn": 1.0})
     with pytest.raises(zo.ArgumentError, match="motion must be a mapping"):
-        Setup(make("vlp-16").document, motion="left")  # type: ignore[arg-type]
+        ScanConfig(make("vlp-16").to_dict(), motion="left")  # type: ignore[arg-type]
     with pytest.raises(zo.OptionError, match="a key of motion"):
-        Setup(make("vlp-16").document, motion={"speed": 3.0})
+        ScanConfig(make("vlp-16").to_dict(), motion={"speed": 3.0})
     with pytest.raises(zo.ArgumentError, match="transparent must be a mapping"):
-        Setup(make("vlp-16").document, transparent=["glass"])  # type: ignore[arg-type]
+        ScanConfig(make("vlp-16").to_dict(), transparent=["glass"])  # type: ignore[arg-type]
 
 
 def test_a_second_eye_stands_still() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import DATA
-from zbuf_occlude.sensors import SENSORS, Imperfections, make
+from zbuf_occlude.sensors import SENSORS, NoiseModel, make
 from zbuf_occlude.sensors.sensor import KINDS, Rays
 
 ASKED_FOR = (
@@ -217,7 +217,7 @@ def test_numbers_can_be_changed_and_the_table_stays() -> None:
     assert changed.sources["columns"] == "given by the user"
     assert make("vlp-32c").pattern["columns"] == 1800
     assert make("pinhole", f=500.0).pixels == 500.0
-    assert Imperfections().sigma == 0.0
+    assert NoiseModel().sigma == 0.0
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from zbuf_occlude.geometry.colors import Material, SurfaceColors
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.scene import TYPICAL
 from zbuf_occlude.sensors import Scan, look_at, make
-from zbuf_occlude.sensors.scanning import detection, dropped, pose_of_camera, quantised
+from zbuf_occlude.sensors.scanning import apply_dropout, detection, pose_of_camera, quantised
 
 
 def wall(distance: float, half: float = 1.0) -> zo.Mesh:
@@ -74,10 +74,10 @@ def test_quantisation() -> None:
 def test_dropout_is_of_the_share_and_of_weak_signals() -> None:
     whole, _ = flat(5.0)
     rng = np.random.default_rng(0)
-    some = dropped(whole, make("pinhole", drop=0.3).imperfections, rng)
+    some = apply_dropout(whole, make("pinhole", drop=0.3).imperfections, rng)
     assert len(some) / len(whole) == pytest.approx(0.7, abs=0.01)
     faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).imperfections
-    weak = dropped(whole, faults, rng)
+    weak = apply_dropout(whole, faults, rng)
     assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - TYPICAL * np.exp(-0.5)), abs=0.01)
     assert set(weak.face_ids) <= set(whole.face_ids)
 

@@ -14,7 +14,7 @@ from tests.cli.conftest import write_off
 from tests.scenes import box
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.pipeline import scanned_scenes
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
@@ -24,7 +24,7 @@ from zbuf_occlude.scenes.sizes import SIZES, Sizes, size_of, sizes_of
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.sensors.setup import Setup, span_of
+from zbuf_occlude.sensors.setup import ScanConfig, span_of
 from zbuf_occlude.views import Views
 
 SHAPES = shapes.collection(n_members=2)
@@ -35,11 +35,11 @@ def seeds(what: str, view: int, *, seed: int = 0) -> np.random.SeedSequence:
     return np.random.SeedSequence([seed, *what.encode(), view])
 
 
-def setup(sensor: str = "vlp-32c", **given: Any) -> Setup:
-    return Setup(make(sensor).document, method="embree", **given)
+def setup(sensor: str = "vlp-32c", **given: Any) -> ScanConfig:
+    return ScanConfig(make(sensor).to_dict(), method="embree", **given)
 
 
-def scans(asked: Setup, views: Views, mesh: zo.Mesh = CAR, label: str = "car", seed: int = 0) -> list[Capture]:
+def scans(asked: ScanConfig, views: Views, mesh: zo.Mesh = CAR, label: str = "car", seed: int = 0) -> list[Capture]:
     standing, size = in_metres(mesh, label, asked)
     floor, drawn = float(standing.bounds[0, 2]), partial(seeds, seed=seed)
     places = sensor_places(views, size, floor, asked, drawn)
@@ -123,7 +123,7 @@ def test_returns_over_all_paints() -> None:
     """Of a plate across the line of sight: exp(-(range / reach)^2 / albedo), its mean over albedos of every factor."""
     plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
     camera = make("pinhole:width=20,height=20,fov=2", axial=False, reach=40.0)
-    asked = Setup(camera.document, range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
+    asked = ScanConfig(camera.to_dict(), range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
     n_draws = 300
     found = [len(scans(asked, ring(1), plate, "plate", seed=seed)[0].scan) / 400 for seed in range(n_draws)]
     factors = (np.arange(10_000) + 0.5) / 10_000
@@ -188,8 +188,8 @@ def test_hidden_means_what_it_says(kind: str, share: tuple[float, float]) -> Non
 def test_what_is_left_out_of_a_scene_changes_no_point_of_the_target() -> None:
     """`keep=target` casts rays towards the target only, past objects near them only; `all` casts every ray."""
     given = {"range": (14.0, 14.0), "scene": "street", "hidden": (0.3, 0.3)}
-    few = scans(Setup(make("vlp-32c", noise=0).document, method="embree", **given), ring(2))  # type: ignore[arg-type]
-    every = scans(Setup(make("vlp-32c", noise=0).document, method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
+    few = scans(ScanConfig(make("vlp-32c", noise=0).to_dict(), method="embree", **given), ring(2))  # type: ignore[arg-type]
+    every = scans(ScanConfig(make("vlp-32c", noise=0).to_dict(), method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
     for one, other in zip(few, every, strict=True):
         mine = other.scan.select(other.scan.instances == 0)
         assert len(one.scan) == len(mine) > 50
@@ -303,10 +303,10 @@ def test_a_range_within_the_object() -> None:
 
 def test_a_sensor_goes_through_a_plan_and_back() -> None:
     for name in zo.sensors.SENSORS:
-        document = json.loads(json.dumps(make(name).document))
-        back = Sensor.from_document(document)
+        document = json.loads(json.dumps(make(name).to_dict()))
+        back = Sensor.from_dict(document)
         assert back.rays().directions.tobytes() == make(name).rays().directions.tobytes()
-        assert back.document == document
+        assert back.to_dict() == document
 
 
 def test_a_pool_has_what_it_is_given_and_else_what_is_built_in() -> None:
@@ -336,7 +336,9 @@ def test_streets_have_road_users_and_rooms_furniture(scene: str, belonging: set[
 def test_a_plan_s_scenes_are_as_large_as_they_are_in_the_world(scene: str, distance: float) -> None:
     """As `generate --scene room --size 0.5` makes them, of all the built-in classes: what stands about the target."""
     asked = setup("vlp-16", scene=scene, range=(distance, distance), size={"*": 0.5}, keep="all")
-    plan = Plan(SHAPES, Recipe("exact", views="ring:2@20", sample_size=None, scale="mesh", scanning=asked.document))
+    plan = Plan(
+        SHAPES, DatasetConfig("exact", views="ring:2@20", sample_size=None, scale="mesh", scanning=asked.to_dict())
+    )
     for number in (0, 5):
         for made in scanned_scenes(plan, number, 0):
             target, *others = (each for each in made.placed if not each.is_background)

@@ -19,7 +19,7 @@ def glazed(*shares: float) -> zo.Mesh:
     """Panes at x = 2, 4, ... that let some shares pass, and a wall at x = 10."""
     panes = [ACROSS * 8.0 + [2.0 * (i + 1), 0, 0] for i in range(len(shares))]
     materials = tuple(
-        Material((0.5, 0.5, 0.5), name=f"glass{i}", passing=each) for i, each in enumerate((*shares, 0.0))
+        Material((0.5, 0.5, 0.5), name=f"glass{i}", transmittance=each) for i, each in enumerate((*shares, 0.0))
     )
     ids = np.repeat(np.arange(len(shares) + 1, dtype=np.int32), 2)
     return replace(stacked(*panes, ACROSS * 40.0 + [10.0, 0, 0]), colors=SurfaceColors(materials, ids))
@@ -48,12 +48,12 @@ def test_a_pane_before_a_wall_returns_its_share_of_each_beam() -> None:
 
 
 @pytest.mark.parametrize(
-    ("returns", "passing", "depth"),
+    ("returns", "transmittance", "depth"),
     [("first", 0.7, 2.0), ("last", 0.7, 10.0), ("strongest", 0.97, 10.0), ("strongest", 0.96, 2.0)],
 )
-def test_which_return_is_kept_is_the_sensors(returns: str, passing: float, depth: float) -> None:
+def test_which_return_is_kept_is_the_sensors(returns: str, transmittance: float, depth: float) -> None:
     """Behind a pane that lets T pass comes T^2 / 100 back, of the pane (1 - T) / 4: equal at T = 0.962."""
-    found = zo.scan(glazed(passing), lidar(noise=0, returns=returns))
+    found = zo.scan(glazed(transmittance), lidar(noise=0, returns=returns))
     assert found.points[:, 0] == pytest.approx(depth)
 
 
@@ -74,19 +74,19 @@ def test_pane_behind_pane_and_beams_of_five_rays() -> None:
     assert found.n_returns.min() == found.n_returns.max() == 4
 
 
-@pytest.mark.parametrize("passing", [0.999999, 0.9, 0.5, 0.000001])
+@pytest.mark.parametrize("transmittance", [0.999999, 0.9, 0.5, 0.000001])
 @pytest.mark.parametrize("divergence", [0.0, 0.002])
-def test_a_pane_and_a_wall_just_behind_it_are_one_echo(passing: float, divergence: float) -> None:
+def test_a_pane_and_a_wall_just_behind_it_are_one_echo(transmittance: float, divergence: float) -> None:
     """Both have one albedo: 1 - T of the light returns at the pane and T^2 from behind it, of each ray."""
     colors = SurfaceColors(
-        (Material((0.5,) * 3, name="glass", passing=passing), Material((0.5,) * 3)), np.arange(4) // 2
+        (Material((0.5,) * 3, name="glass", transmittance=transmittance), Material((0.5,) * 3)), np.arange(4) // 2
     )
     mesh = replace(stacked(*(ACROSS * 40.0 + [x, 0, 0] for x in (10.0, 10.2))), colors=colors)
     found = zo.scan(mesh, lidar(sigma=0, reach=0, step=0, drop=0, divergence=divergence, echo_separation=0.5))
     albedo = ((128 / 255 + 0.055) / 1.055) ** 2.4  # of sRGB 0.5
     reflected = found.intensities * found.clean_ranges**2 / np.cos(found.incidences)
     assert len(found) == 90 * 16
-    assert reflected == pytest.approx(albedo * (1 - passing + passing**2), rel=1e-6)
+    assert reflected == pytest.approx(albedo * (1 - transmittance + transmittance**2), rel=1e-6)
     assert (found.n_returns == 1).all()
 
 
@@ -109,7 +109,7 @@ def test_behind_glass_everything_is_as_without_it() -> None:
     """Random triangles, some of them windows: last returns are the first hits of the rest alone, by the oracle."""
     mesh = soup(400, 0.3, seed=5)
     ids = (np.arange(400) % 3 == 0).astype(np.int32)
-    colors = SurfaceColors((Material((1, 1, 1)), Material((1, 1, 1), name="glass", passing=0.5)), ids)
+    colors = SurfaceColors((Material((1, 1, 1)), Material((1, 1, 1), name="glass", transmittance=0.5)), ids)
     rest = zo.Mesh(mesh.vertices, mesh.faces[ids == 0])
     sensor, pose = lidar(noise=0, returns="all"), zo.sensors.look_at([-3.0, 0.4, 0.5], [0.5, 0.5, 0.5])
     found = zo.scan(replace(mesh, colors=colors), sensor, pose)
@@ -134,7 +134,7 @@ def test_behind_glass_everything_is_as_without_it() -> None:
 
 def test_glass_hides_nothing_and_drives_with_its_van() -> None:
     """A moving van with a window: the driver is seen through it where both are by then."""
-    side = SurfaceColors((Material((1, 1, 1), name="window", passing=0.8),), np.zeros(2, np.int32))
+    side = SurfaceColors((Material((1, 1, 1), name="window", transmittance=0.8),), np.zeros(2, np.int32))
     window = replace(stacked(ACROSS * [1, 2, 2]), colors=side)
     placed = [
         Placed(window, "window", moved(to=(8.0, 0.0, 0.0)), velocity=(20.0, 0.0, 0.0)),

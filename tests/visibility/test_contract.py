@@ -13,9 +13,9 @@ import zbuf_occlude as zo
 from tests.needs import need
 from tests.scenes import SQUARE, box, sphere, stacked, together, wrong
 from zbuf_occlude.visibility import METHODS, find_method
-from zbuf_occlude.visibility.interface import Method, Occluder
+from zbuf_occlude.visibility.interface import Method, VisibilityQuery
 
-Prepare = Callable[..., Occluder]
+Prepare = Callable[..., VisibilityQuery]
 
 AGREEMENT = {
     # method: least fraction of answers equal to the oracle's on SCENE from EYES, and from WITHIN
@@ -61,13 +61,13 @@ def method(request: pytest.FixtureRequest) -> Method:
 
 
 @pytest.fixture(scope="module")
-def occluder(prepare: Prepare) -> Iterator[Occluder]:
+def occluder(prepare: Prepare) -> Iterator[VisibilityQuery]:
     with prepare(SCENE) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
-def answer(occluder: Occluder) -> np.ndarray:
+def answer(occluder: VisibilityQuery) -> np.ndarray:
     return occluder.visible(POINTS, EYES)
 
 
@@ -93,12 +93,12 @@ def test_agreement_with_the_oracle(method: Method, answer: np.ndarray) -> None:
     assert disagreement(SCENE, answer, POINTS, EYES) <= allowed
 
 
-def test_eyes_within_the_bounding_sphere(method: Method, occluder: Occluder) -> None:
+def test_eyes_within_the_bounding_sphere(method: Method, occluder: VisibilityQuery) -> None:
     allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][1]
     assert disagreement(SCENE, occluder.visible(POINTS, WITHIN), POINTS, WITHIN) <= allowed
 
 
-def test_eyes_on_the_surface_are_answered(method: Method, occluder: Occluder) -> None:
+def test_eyes_on_the_surface_are_answered(method: Method, occluder: VisibilityQuery) -> None:
     """What is visible from there is not defined (docs/conventions.md), but a user's eye may lie there: no crash."""
     corners = SCENE.corners[:: len(SCENE.faces) // 3]
     eyes = np.concatenate([POINTS.positions[::500], corners[:, 0], corners[:, :2].mean(axis=1), corners.mean(axis=1)])
@@ -107,13 +107,13 @@ def test_eyes_on_the_surface_are_answered(method: Method, occluder: Occluder) ->
         assert len(occluder.first_hits(eyes, np.ones_like(eyes)).face_ids) == len(eyes)
 
 
-def test_far_eyes(method: Method, occluder: Occluder) -> None:
+def test_far_eyes(method: Method, occluder: VisibilityQuery) -> None:
     eyes = EYES * 250.0  # a thousand sizes away
     allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][0]
     assert disagreement(SCENE, occluder.visible(POINTS, eyes), POINTS, eyes) <= allowed
 
 
-def test_free_points(method: Method, occluder: Occluder) -> None:
+def test_free_points(method: Method, occluder: VisibilityQuery) -> None:
     eyes = np.concatenate([EYES, WITHIN])
     found = occluder.visible(FREE, eyes)
     assert found.shape == (len(eyes), len(FREE))
@@ -121,7 +121,7 @@ def test_free_points(method: Method, occluder: Occluder) -> None:
         assert wrong(SCENE, found, FREE, eyes) == 0
 
 
-def test_free_and_surface_points_together(method: Method, occluder: Occluder, answer: np.ndarray) -> None:
+def test_free_and_surface_points_together(method: Method, occluder: VisibilityQuery, answer: np.ndarray) -> None:
     """A free point hides none, so the others' answers stay (but for a method that sees points and not faces)."""
     half = POINTS.select(np.arange(0, len(POINTS), 2))
     mixed = zo.SurfacePoints(
@@ -134,7 +134,7 @@ def test_free_and_surface_points_together(method: Method, occluder: Occluder, an
         assert (found == answer[:, ::2]).all()
 
 
-def test_one_point_and_one_eye(method: Method, occluder: Occluder, answer: np.ndarray) -> None:
+def test_one_point_and_one_eye(method: Method, occluder: VisibilityQuery, answer: np.ndarray) -> None:
     for i in (0, 700, 1499):
         found = occluder.visible(POINTS.select([i]), EYES[2:3])
         assert found.shape == (1, 1)
@@ -143,12 +143,12 @@ def test_one_point_and_one_eye(method: Method, occluder: Occluder, answer: np.nd
 
 
 @pytest.mark.parametrize("n_points", [1, 3, 300])
-def test_free_points_where_the_eye_is(occluder: Occluder, n_points: int) -> None:
+def test_free_points_where_the_eye_is(occluder: VisibilityQuery, n_points: int) -> None:
     eye = np.array([[1.9, -2.3, 2.1]])
     assert occluder.visible(zo.SurfacePoints.free(np.repeat(eye, n_points, axis=0)), eye).all()
 
 
-def test_each_eye_answers_for_itself(occluder: Occluder, answer: np.ndarray) -> None:
+def test_each_eye_answers_for_itself(occluder: VisibilityQuery, answer: np.ndarray) -> None:
     """However views are batched, the answers are the same; of one eye (3,) a row."""
     assert occluder.visible(POINTS, EYES).tobytes() == answer.tobytes()
     assert (occluder.visible(POINTS, EYES[::-1]) == answer[::-1]).all()
@@ -156,7 +156,7 @@ def test_each_eye_answers_for_itself(occluder: Occluder, answer: np.ndarray) -> 
     assert np.array_equal(occluder.visible(POINTS, EYES[3]), answer[3])
 
 
-def test_no_points_and_no_eyes(occluder: Occluder) -> None:
+def test_no_points_and_no_eyes(occluder: VisibilityQuery) -> None:
     none = zo.SurfacePoints.free(np.empty((0, 3)))
     for points, eyes in ((none, EYES), (POINTS, np.empty((0, 3))), (none, np.empty((0, 3)))):
         found = occluder.visible(points, eyes)
@@ -164,7 +164,7 @@ def test_no_points_and_no_eyes(occluder: Occluder) -> None:
         assert found.dtype == np.bool_
 
 
-def test_what_is_given_is_not_changed(occluder: Occluder) -> None:
+def test_what_is_given_is_not_changed(occluder: VisibilityQuery) -> None:
     eyes = EYES.copy()
     given = [eyes, POINTS.positions, POINTS.face_ids, POINTS.normals, SCENE.vertices, SCENE.faces]
     before = [array.tobytes() for array in given]
@@ -174,7 +174,7 @@ def test_what_is_given_is_not_changed(occluder: Occluder) -> None:
     assert not occluder.visible(POINTS, eyes).all()
 
 
-def test_eyes_of_other_types_and_orders(occluder: Occluder) -> None:
+def test_eyes_of_other_types_and_orders(occluder: VisibilityQuery) -> None:
     eyes = np.round(EYES * 1024) / 1024  # the same in float32
     expected = occluder.visible(POINTS, eyes)
     for other in (eyes.tolist(), eyes.astype(np.float32), np.asfortranarray(eyes)):
@@ -277,7 +277,7 @@ def test_options_can_be_typed_at_a_command_line(method: Method) -> None:
 
 def test_an_error_inside_closes_too(prepare: Prepare, answer: np.ndarray) -> None:
     another = prepare(SCENE)
-    assert isinstance(another, Occluder)
+    assert isinstance(another, VisibilityQuery)
     assert another.mesh is SCENE
     assert another.visible(POINTS, EYES).tobytes() == answer.tobytes()
     with pytest.raises(KeyError), another:
@@ -312,7 +312,7 @@ def test_threads_at_a_time_give_what_one_gives(method: Method, prepare: Prepare)
     with prepare(SCENE) as one, prepare(sphere(8)) as other, ThreadPoolExecutor(4) as pool:
         alone = [[occluder.visible(*each) for each in mine] for occluder, mine in zip((one, other), asked, strict=True)]
 
-        def agree(occluder: Occluder, which: int, order: slice) -> bool:
+        def agree(occluder: VisibilityQuery, which: int, order: slice) -> bool:
             answers = zip(asked[which][order], alone[which][order], strict=True)
             return all(np.array_equal(occluder.visible(*question), answer) for question, answer in answers)
 
@@ -324,7 +324,7 @@ def test_threads_at_a_time_give_what_one_gives(method: Method, prepare: Prepare)
         assert all(future.result(timeout=300) for future in running)
 
 
-def test_who_renders(method: Method, occluder: Occluder) -> None:
+def test_who_renders(method: Method, occluder: VisibilityQuery) -> None:
     assert occluder.renderer
     if method.needs_gl:
         assert occluder.renderer != "none"
@@ -345,7 +345,7 @@ def test_who_renders(method: Method, occluder: Occluder) -> None:
     ],
     ids=["transposed", "two numbers", "nan", "bare array", "another mesh"],
 )
-def test_bad_arguments(occluder: Occluder, points: object, eyes: object, message: str) -> None:
+def test_bad_arguments(occluder: VisibilityQuery, points: object, eyes: object, message: str) -> None:
     with pytest.raises(zo.ArgumentError, match=message):
         occluder.visible(points, eyes)  # type: ignore[arg-type]
 

@@ -11,7 +11,7 @@ from tests.random_scenes import KINDS, triangles, wrong_answers
 from tests.scenes import needles, row_in_a_plane, soup, sphere, together
 from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, Shape, best_shape
+from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, WorkGroup, best_shape
 from zbuf_occlude.visibility import exact_gl, oracle
 
 
@@ -94,11 +94,13 @@ def test_cutting_work_changes_no_answer(budget: int, gl: GlContext, monkeypatch:
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
 
 
-ODD = Shape(64, 1, 1, 8), Shape(16, 31, 1, 40), Shape(64, 3, 16, 8), Shape(8, 1, 8, 8)
+ODD = WorkGroup(64, 1, 1, 8), WorkGroup(16, 31, 1, 40), WorkGroup(64, 3, 16, 8), WorkGroup(8, 1, 8, 8)
 
 
 @pytest.mark.parametrize("shape", [*[shape for _, shape in HARDWARE], *ODD], ids=str)
-def test_the_shape_of_the_work_changes_no_answer(shape: Shape, gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shape_of_the_work_changes_no_answer(
+    shape: WorkGroup, gl: GlContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As it is cut for a GPU, in groups of several vectors, with as many points to a thread as there are bits."""
     mesh = soup(700, 0.1)
     points = zo.sample_surface(mesh, n_points=600, seed=1)
@@ -107,7 +109,7 @@ def test_the_shape_of_the_work_changes_no_answer(shape: Shape, gl: GlContext, mo
 
 
 @pytest.mark.parametrize("shapes", [SOFTWARE, HARDWARE])
-def test_packets_are_smaller_where_points_are_sparse(shapes: tuple[tuple[float, Shape], ...]) -> None:
+def test_packets_are_smaller_where_points_are_sparse(shapes: tuple[tuple[float, WorkGroup], ...]) -> None:
     packets = [best_shape(shapes, n_points, 1000).packet for n_points in (1, 300, 3000, 10**6)]
     assert packets == sorted(packets)
     assert packets[0] <= 8

@@ -14,9 +14,9 @@ from tests.visibility.test_contract import SCENE
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.shapes import solids
 from zbuf_occlude.visibility import METHODS, oracle
-from zbuf_occlude.visibility.interface import FirstHits, Method, Occluder
+from zbuf_occlude.visibility.interface import FirstHits, Method, VisibilityQuery
 
-Prepare = Callable[..., Occluder]
+Prepare = Callable[..., VisibilityQuery]
 
 AGREEMENT = {"embree": 0.9995, "depth_buffer": 0.97}
 """Least fraction of rays for which a method that is not exact names the oracle's face, or one within the contact

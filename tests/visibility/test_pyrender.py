@@ -72,7 +72,7 @@ def test_image_is_upright_and_not_mirrored(torus: PyrenderOccluder) -> None:
     assert drawn.sum() == pytest.approx(64 * 64 / 2 * (0.5 / 0.6) ** 2, rel=0.05)
 
 
-def agreement(occluder: zo.visibility.interface.Occluder, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
+def agreement(occluder: zo.visibility.interface.VisibilityQuery, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
     judge = oracle.prepare(occluder.mesh)
     return float((occluder.visible(points, eyes) == judge.visible(points, eyes)).mean())
 

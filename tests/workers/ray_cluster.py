@@ -19,8 +19,8 @@ import ray
 from tests.dataset.test_generate import collection, files
 from tests.workers.test_local import AMPLE, ball, plan_of
 from zbuf_occlude import UnavailableError
-from zbuf_occlude.dataset.generate import Making, generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.generate import GenerateTask, generate
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.workers import ray as engine
 
@@ -64,7 +64,7 @@ def nodes(importable_in_actors: None) -> Iterator[Nodes]:
 
 
 def test_files_are_written_and_verified_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
-    plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
+    plan = Plan(collection(50), DatasetConfig(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
     generate(plan, tmp_path / "whole")
     run = partial(engine.run_ray, n_workers=2, limits=AMPLE, address=nodes.cluster.address)
     manifest = generate(plan, tmp_path / "out", run=run)
@@ -104,6 +104,6 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match=r"a Ray cluster must answer at 127\.0\.0\.1:1: .*refused"):
         engine.run_ray(
-            Making(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
+            GenerateTask(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
         )
     assert not ray.is_initialized()

@@ -14,9 +14,9 @@ from tests.dataset.test_generate import files
 from tests.processes import ended
 from tests.workers.loads import bad, ball, hang, suicide, swell, tell, warn
 from zbuf_occlude import DatasetError
-from zbuf_occlude.dataset.folder import occupy
+from zbuf_occlude.dataset.folder import claim_folder
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -25,7 +25,7 @@ from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.pool import Message
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
+RECIPE = DatasetConfig(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 
 
@@ -100,7 +100,7 @@ def test_a_mesh_that_cannot_be_made_is_a_failure(
 def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:
     """A folder where a file belongs: writing it fails as it does on a full disk."""
     plan = plan_of(ball, ball, ball)
-    occupy(plan, out)
+    claim_folder(plan, out)
     (out / "ply_data_train0.h5").mkdir()
     with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
         run(plan, out)

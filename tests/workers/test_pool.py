@@ -4,7 +4,7 @@ import pytest
 
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.workers.pool import CRASHES, KILLS, MOST_BROKEN, MOST_ENDS, Ending, Message, do_jobs
+from zbuf_occlude.workers.pool import CRASHES, KILLS, MOST_BROKEN, MOST_ENDS, ExitStatus, Message, do_jobs
 
 ENDS = "the worker ended"
 
@@ -32,8 +32,8 @@ class Puppet:
         said, self.said = self.said, []
         return said
 
-    def ending(self) -> Ending | None:
-        return Ending(self.end, self.killed) if self.end else None
+    def ending(self) -> ExitStatus | None:
+        return ExitStatus(self.end, self.killed) if self.end else None
 
     def gigabytes(self) -> float:
         return 0.0

@@ -10,7 +10,7 @@ import pytest
 
 from tests.workers.test_local import AMPLE, ball, plan_of
 from zbuf_occlude import UnavailableError
-from zbuf_occlude.dataset.generate import Making
+from zbuf_occlude.dataset.generate import GenerateTask
 from zbuf_occlude.workers import ray as engine
 
 ROOT, CLUSTER = Path(__file__).parents[2], Path(__file__).with_name("ray_cluster.py")
@@ -29,6 +29,8 @@ def test_on_a_cluster(tmp_path: Path) -> None:
 
 def test_the_extra_is_named_when_ray_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    run = partial(engine.run_ray, Making(plan_of(ball), tmp_path, False), [0], lambda *_: (), n_workers=1, limits=AMPLE)
+    run = partial(
+        engine.run_ray, GenerateTask(plan_of(ball), tmp_path, False), [0], lambda *_: (), n_workers=1, limits=AMPLE
+    )
     with pytest.raises(UnavailableError, match=r"pip install 'zbuf-occlude\[ray\]'"):
         run()

@@ -15,7 +15,7 @@ from zbuf_occlude.cli.shared_options import (
     choice_options,
     collect,
     distance_option,
-    given,
+    explicitly_set,
     parse_settings,
     up_option,
 )
@@ -24,7 +24,7 @@ from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, defau
 from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
 from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run
 from zbuf_occlude.dataset.auto import AUTO
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.paper.tables import CASES, paper_tables
 from zbuf_occlude.visibility.interface import EYES_INSIDE
@@ -123,7 +123,7 @@ def compare_command(
     cases: list[Case] = []
     if meshes or not presets:
         collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
-        recipe = Recipe(views=views, distance=distance[0], farthest=distance[1], seed=seed)
+        recipe = DatasetConfig(views=views, distance=distance[0], farthest=distance[1], seed=seed)
         recipe.make_views()  # for its errors
         cases += of_meshes(collection, subjects, recipe.make_views, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
@@ -169,12 +169,12 @@ def run_cases(
 
 def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
     """Refuse options that nothing of what was asked for uses, by a UsageError."""
-    if alone and (idle := given(context, OF_MESHES)):
+    if alone and (idle := explicitly_set(context, OF_MESHES)):
         raise click.UsageError(
             f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
             "its own. Give meshes, or leave it out."
         )
-    if given(context, ("modelnet",)) and not set(presets) & set(CASES):
+    if explicitly_set(context, ("modelnet",)) and not set(presets) & set(CASES):
         raise click.UsageError(
             f"--modelnet must go with --preset {' or '.join(CASES)}, whose objects it holds. "
             "To compare its meshes give the folder as MESH_OR_DIR."

@@ -13,8 +13,8 @@ from zbuf_occlude.cli.shared_options import (
     MeshPlace,
     OutFolder,
     engine_options,
+    explicitly_set,
     frame_options,
-    given,
     pop_engine,
     shard_option,
     share_of,
@@ -109,7 +109,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
     Example:
       zbuf-occlude merge modelnet40-occluded
     """
-    if idle := given(context, (*ENGINE, "shard")):
+    if idle := explicitly_set(context, (*ENGINE, "shard")):
         echo(f"{idle[0]} is not needed: generate --shard has written the files already", err=True)
     failed = False
     for each in datasets_in(folder):
@@ -207,7 +207,7 @@ def convert_command(context: click.Context, /, folder: Path, format: str, out: P
     `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again goes
     on with what is missing.
     """
-    if idle := given(context, ENGINE):
+    if idle := explicitly_set(context, ENGINE):
         echo(f"{idle[0]} is not needed: one process converts", err=True)
     source = open_dataset(folder)
     for remark in find_format(format).select(source.plan.meshes).remarks:

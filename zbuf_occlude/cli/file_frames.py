@@ -9,7 +9,7 @@ from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import default_up
 from zbuf_occlude.meshes.stance import Stances, stances, stands_on
 from zbuf_occlude.scenes.sizes import FILE
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 
 
 def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, lengths: str = "") -> str:
@@ -30,7 +30,7 @@ def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, len
     return f"{axis}; {lengths or in_unit}"
 
 
-def lengths_of(setup: Setup | None, unit: str | None) -> str:
+def lengths_of(setup: ScanConfig | None, unit: str | None) -> str:
     """Say how long meshes are for a sensor, where that is not by a unit that was given; "" without a sensor."""
     if setup is None or unit is not None:
         return ""

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
-from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
+from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
 from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
@@ -20,9 +20,9 @@ from zbuf_occlude.cli.shared_options import (
     collect,
     distance_option,
     engine_options,
+    explicitly_set,
     finite,
     frame_options,
-    given,
     method_options,
     parse_settings,
     pop_engine,
@@ -36,9 +36,9 @@ from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, progress_of
-from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
+from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, n_functions, rehearse, was_rehearsed
+from zbuf_occlude.dataset.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
@@ -181,7 +181,7 @@ def generate_command(
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
       zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 10..40 --views ring:8@0 --out roads
     """
-    idle = given(context, ("shapes",) if meshes else ("up", "unit"))
+    idle = explicitly_set(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     limits = Limits(mesh_seconds, mesh_gigabytes)
@@ -221,14 +221,14 @@ def generate_command(
     echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
     warn_of_lying(collection, up)
     check_sizes(setup, collection)
-    made = Recipe(
+    made = DatasetConfig(
         method=method,
         reason=choice.reason,
         method_options=parse_settings(method, settings) if method != AUTO else dict(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
         complete=row.complete,
-        scanning=None if setup is None else setup.document,
+        scanning=None if setup is None else setup.to_dict(),
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
@@ -237,7 +237,7 @@ def generate_command(
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
     for remark in overruled(setup, plan.views):
         echo(remark, err=True)
-    if setup is not None and setup.range is not None and given(context, ("distance",)):
+    if setup is not None and setup.range is not None and explicitly_set(context, ("distance",)):
         echo("--range says how far the sensor is: --distance does not count", err=True)
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
@@ -254,24 +254,24 @@ def generate_command(
             check_folder(*each, overwrite=overwrite)
         missing: OccludeError | None = None
         try:
-            rehearse(plan.recipe, require_gpu)
+            smoke_test(plan.recipe, require_gpu)
         except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
             missing = error
         for each in plans:
-            echo(intended(*each))
+            echo(format_plan(*each))
         for one, _ in plans if missing is None else ():
             echo(costs(one))
         if missing is not None:
             echo(f"not on this machine: {missing}")
         return
-    if not is_plain(plan.recipe):
+    if not needs_no_check(plan.recipe):
         with without_scipy():
-            rehearse(plan.recipe, require_gpu)
-    if not was_rehearsed(plan.recipe):
+            smoke_test(plan.recipe, require_gpu)
+    if not is_warm(plan.recipe):
         announce()
         COMPILING.total = n_functions(plan.recipe)
         with without_scipy():
-            compile_ahead(plan.recipe)
+            warm_up_jit(plan.recipe)
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
 
     failed = False

@@ -19,8 +19,8 @@ from zbuf_occlude.cli.shared_options import (
     camera_options,
     chosen_method,
     distance_option,
+    explicitly_set,
     frame_options,
-    given,
     method_options,
     parse_settings,
     suffix_of,
@@ -30,7 +30,7 @@ from zbuf_occlude.cli.shell import Command, echo, on
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_csv, write_ply
-from zbuf_occlude.errors import check_word
+from zbuf_occlude.errors import check_choice
 from zbuf_occlude.geometry.cloud import columns_of
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import box_around
@@ -100,7 +100,7 @@ def visible_command(
     """
     as_mesh = suffix_of(out, (".ply", ".npy", ".csv", *MESHES)) in MESHES
     for name in attributes:
-        check_word("attribute", name, ATTRIBUTES)
+        check_choice("attribute", name, ATTRIBUTES)
     if as_mesh:
         write_part(context, mesh, camera, (up, unit), out)
         return
@@ -110,7 +110,7 @@ def visible_command(
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     asked: Mesh | SurfacePoints
     if positions is not None:
-        if idle := given(context, ("points", "seed", "up", "unit", "attributes")):
+        if idle := explicitly_set(context, ("points", "seed", "up", "unit", "attributes")):
             raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
         box, asked = box_around(positions), SurfacePoints.free(positions)
         samples = asked
@@ -125,7 +125,7 @@ def visible_command(
         warn_of_far_faces(box)
     with prepare(asked, method, **options) as occluder:
         occluder.warns = False
-        seen = occluder.visible(samples, eyes) & view.shows(samples.positions)
+        seen = occluder.visible(samples, eyes) & view.in_frustum(samples.positions)
         renderer = occluder.renderer
     cloud, by = samples.select(seen.any(axis=0)), eyes[seen.argmax(axis=0)[seen.any(axis=0)]]
     normals = cloud.normals_towards(by) if positions is None else None
@@ -150,9 +150,9 @@ def write_part(
     out: Path,
 ) -> None:
     """Write the part of a mesh that a camera sees, as a mesh; `frame` has its axis and unit."""
-    if idle := given(context, ("points", "seed", "attributes", "fov", "settings")):
+    if idle := explicitly_set(context, ("points", "seed", "attributes", "fov", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
-    if given(context, ("method",)) and context.params["method"] != "exact":
+    if explicitly_set(context, ("method",)) and context.params["method"] != "exact":
         raise click.UsageError(f"--method must be exact, by which a mesh is cut; got {context.params['method']}.")
     with Limits().watch(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below

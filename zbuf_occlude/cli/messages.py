@@ -12,7 +12,7 @@ from typing import Any
 from zbuf_occlude.cli.shared_options import nearest
 from zbuf_occlude.cli.shell import counted, on
 from zbuf_occlude.dataset.counts import CONFIDENCE, FEW
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, holds, removable
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, contains_plan, removable
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import Preset
@@ -25,7 +25,7 @@ BAD = 0.05
 another sheet too near."""
 
 
-def measured(error: dict[str, Any], complete: bool) -> str:
+def format_error_rates(error: dict[str, Any], complete: bool) -> str:
     """Say how wrong a dataset is; `complete`: of clouds of which nothing is hidden."""
     if not error["n_checked"]:
         if complete:
@@ -58,7 +58,7 @@ def stacked(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def lacking(document: dict[str, Any]) -> Iterator[str]:
+def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     """Warn of colours and windows that were asked for and are not there, and of cameras inside their objects."""
     counts = document["counts"]
     if n := counts.get("meshes_without_colors"):
@@ -136,9 +136,9 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
         f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on(document['renderer'])}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
-        measured(error, options["complete"]),
+        format_error_rates(error, options["complete"]),
         *stacked(document),
-        *lacking(document),
+        *format_warnings(document),
         *([f"read as   {read_as}"] if read_as else []),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
@@ -231,20 +231,20 @@ def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
     """Check that a plan's dataset could be made in a folder: DatasetError or PermissionError where it could not."""
     if overwrite:
         removable(out)
-    elif holds(plan, out) and (out / MANIFEST).exists():
+    elif contains_plan(plan, out) and (out / MANIFEST).exists():
         return
     if out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
 
 
-def intended(plan: Plan, out: Path) -> str:
+def format_plan(plan: Plan, out: Path) -> str:
     """Say what a plan would make."""
     recipe = plan.recipe
     free = shutil.disk_usage(nearest(out)).free
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
     how = "complete" if recipe.complete else how
     if recipe.setup is not None:
-        how = f"scanned by {recipe.setup.made_sensor.name}, rays {how}, scene {recipe.setup.scene}"
+        how = f"scanned by {recipe.setup.sensor_model.name}, rays {how}, scene {recipe.setup.scene}"
     points = counted(recipe.sample_size, "point") if recipe.sample_size else "all visible points"
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "

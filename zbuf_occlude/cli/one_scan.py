@@ -10,10 +10,17 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import cut_off
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
-from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, frame_options, given, suffix_of
+from zbuf_occlude.cli.shared_options import (
+    MeshPlace,
+    angle_options,
+    check_place,
+    explicitly_set,
+    frame_options,
+    suffix_of,
+)
 from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.counts import Counts
+from zbuf_occlude.dataset.counts import QualityCounts
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -24,7 +31,7 @@ from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster, no_windows
-from zbuf_occlude.sensors.setup import SURFACE, Setup
+from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.views import from_angles
 
 
@@ -73,7 +80,7 @@ def scan_command(
     options["size"] = size_of_files(click.get_current_context(), options["size"])
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
-    if setup.height is not None and given(click.get_current_context(), ("elevation",)):
+    if setup.height is not None and explicitly_set(click.get_current_context(), ("elevation",)):
         raise click.UsageError(
             "--elevation must be of a camera; --sensor-height says how high a LiDAR is above the ground."
         )
@@ -88,26 +95,26 @@ def scan_command(
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
-    echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    echo(f"{len(found)} returns by {setup.sensor_model.name}, rays by {setup.method}{hidden}: {out}")
     lengths = lengths_of(setup, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
     cut, away = capture.cut, float(np.linalg.norm(capture.pose[:3, 3]))
-    warnings = list(cut_off(Counts.of_cut(*cut).cut, setup.document))
+    warnings = list(cut_off(QualityCounts.of_cut(*cut).cut, setup.to_dict()))
     if not len(found):
         of_all = setup.keep == "all"
         if not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns:
-            why = why_empty(capture, setup.made_sensor, setup.method, of_all)
+            why = why_empty(capture, setup.sensor_model, setup.method, of_all)
             what = "scene" if of_all else "object"
             warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
         warnings[-1] += f" The object is {size:.4g} m long and {away:.4g} m away."
     for warning in warnings:
         echo(warning, err=True)
     if picture is not None:
-        draw_scan(picture, found, setup.made_sensor)
+        draw_scan(picture, found, setup.sensor_model)
 
 
 def scan_once(
-    collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int
+    collection: MeshCollection, setup: ScanConfig, azimuth: float, elevation: float, seed: int
 ) -> tuple[Capture, float]:
     """Return the capture of a collection's first mesh, and the metres of that mesh's longest side.
 
@@ -131,7 +138,7 @@ def scan_once(
         raise OptionError(str(error)) from None
     pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
-    if setup.transparent and capture.scene.passing is None:
+    if setup.transparent and capture.scene.transmittance is None:
         raise OptionError(no_windows("--transparent", loaded))
     if n_raised(views, places, setup):
         echo("warning: the camera would be below the ground, and stands on it. Raise --elevation.", err=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.shared_options import given
+from zbuf_occlude.cli.shared_options import explicitly_set
 from zbuf_occlude.cli.shell import Command, CommandGroup, echo
 
 COMMANDS = {
@@ -71,5 +71,5 @@ def replaced(old: str, new: str) -> None:
 
 def refuse_unused(name: str, options: Collection[str]) -> None:
     """Refuse typed options that a table, figure or experiment does not use, by a UsageError."""
-    if idle := given(click.get_current_context(), options):
+    if idle := explicitly_set(click.get_current_context(), options):
         raise click.UsageError(f"{name} does not use {', '.join(idle)}. Leave it out.")

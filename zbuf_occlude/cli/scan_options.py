@@ -10,7 +10,7 @@ import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.shared_options import Setting, Settings, finite, given
+from zbuf_occlude.cli.shared_options import Setting, Settings, explicitly_set, finite
 from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
@@ -20,7 +20,7 @@ from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import SURFACE, Setup
+from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
@@ -117,12 +117,12 @@ def size_of_files(context: click.Context, size: str | None) -> str | None:
         shapes = None if context.params["meshes"] else context.params.get("shapes")
         in_metres = any(row.in_metres for row in BUILT_IN if row.name == shapes)
         return FILE if in_metres and size is None else size
-    if size not in (None, FILE) and given(context, ("size",)):
+    if size not in (None, FILE) and explicitly_set(context, ("size",)):
         raise click.UsageError(f"--unit must go without --size {size}, which is metres whatever the files' unit.")
     return FILE
 
 
-def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> Setup | None:
+def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> ScanConfig | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
 
     `sampled`: whether the whole objects are sampled too, for a format that holds complete clouds. Else options that say
@@ -132,7 +132,7 @@ def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled
     if taken["sensor"] == SURFACE:
         preset = {name for name in taken if context.get_parameter_source(name) is ParameterSource.DEFAULT_MAP}
         return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # it goes with the preset's sensor
-    if idle := given(context, ("settings",) if sampled else ("points", "density", "settings")):
+    if idle := explicitly_set(context, ("settings",) if sampled else ("points", "density", "settings")):
         raise click.UsageError(f"{idle[0]} is for points on the surface; a sensor decides itself. Leave it out.")
     taken["size"] = size_of_files(context, taken["size"])
     return parse_setup(named_caster(context), taken)
@@ -141,7 +141,7 @@ def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled
 def named_caster(context: click.Context) -> str:
     """Return the method named to cast rays, or the one that casts them here; one that casts none is an OptionError."""
     name = context.params.get("method")
-    if not given(context, ("method",)) or name in (None, AUTO):
+    if not explicitly_set(context, ("method",)) or name in (None, AUTO):
         return default_caster()
     find_method(str(name)).check_first_hits()
     return str(name)
@@ -154,7 +154,7 @@ def parse_sensor(name: str, settings: Settings) -> Sensor:
     return sensor
 
 
-def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
+def check_sizes(setup: ScanConfig | None, collection: MeshCollection) -> None:
     """Raise OptionError for a class without a size, a size without a class, or a range within an object of it.
 
     Of a range that begins within an object, a remark says what is taken of it.
@@ -181,18 +181,18 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
         echo(f"scanned from outside them only, half their size away or more: {', '.join(large)}", err=True)
 
 
-def overruled(setup: Setup | None, views: Views) -> Iterator[str]:
+def overruled(setup: ScanConfig | None, views: Views) -> Iterator[str]:
     """Say what of the views does not count: where a LiDAR is mounted above the ground, and how far the sensor is."""
     if setup is None or views.rotations is not None:
         return
-    name = setup.made_sensor.name
+    name = setup.sensor_model.name
     if setup.height is not None and (np.abs(views.elevation) > 1e-9).any():
         places = len(np.unique(np.round(np.exp(1j * views.azimuth), 9)))
         same = f"; {len(views)} views look from {places} sides" if places < len(views) else ""
         yield f"{name} is mounted {setup.height:g} m above the ground: elevations of --views do not count{same}"
 
 
-def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
+def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
     """Turn the options of `scan_options` into a setup; None without a sensor, where others are an OptionError."""
     if options["sensor"] == SURFACE:
         for name in SCAN_OPTIONS[1:]:
@@ -206,8 +206,8 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
-    setup = Setup(
-        sensor.document,
+    setup = ScanConfig(
+        sensor.to_dict(),
         range=options["range_"],
         size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
@@ -220,13 +220,13 @@ def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
         transparent=transparent,
         motion=_motion(options),
     )
-    if setup.made_motion is not None and (said := setup.made_motion.unlike(sensor.rays())):
+    if setup.motion_model is not None and (said := setup.motion_model.unlike(sensor.rays())):
         echo(f"warning: {said}", err=True)
     return setup
 
 
 def _motion(options: dict[str, Any]) -> dict[str, Any] | None:
-    """Return how the sensor moves as a `Setup` has it."""
+    """Return how the sensor moves as a `ScanConfig` has it."""
     if not (options["velocity"] or options["turn"] or options["trajectory"]):
         if options["deskew"]:
             raise OptionError("--deskew must go with --velocity, --turn or --trajectory.")

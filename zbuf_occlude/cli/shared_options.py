@@ -184,11 +184,11 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def command(cameras: str | None, index: int, look_at: Any, fov: float | None, **others: Any) -> Any:
         context, angles = click.get_current_context(), [others.pop(name) for name in ANGLES]
-        if idle := given(context, ("index", "union") if cameras is None else ANGLES):
+        if idle := explicitly_set(context, ("index", "union") if cameras is None else ANGLES):
             how = "with" if cameras is None else "without"
             raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
         union = bool(others.get("union"))
-        if union and given(context, ("index",)):
+        if union and explicitly_set(context, ("index",)):
             raise click.UsageError("--index chooses one camera, --union takes all. Leave one out.")
         if cameras is not None:
             views = parse_views(cameras)
@@ -294,7 +294,7 @@ choice_options = all_of(
 """Which of the meshes found, and what they are of."""
 
 
-def given(context: click.Context, names: Collection[str]) -> list[str]:
+def explicitly_set(context: click.Context, names: Collection[str]) -> list[str]:
     """Return which of a command's options were typed, as one types them."""
     return [
         parameter.opts[0]
@@ -406,7 +406,7 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
     Options of an engine that was not chosen are a UsageError.
     """
     engine, workers, address, gpus = (options.pop(name) for name in ENGINE)
-    if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
+    if engine != "ray" and (idle := explicitly_set(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     if engine == "ray":
         if lacking := missing("ray"):

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import click
 
-from zbuf_occlude.errors import OccludeError, OptionError, did_you_mean, printable
+from zbuf_occlude.errors import OccludeError, OptionError, did_you_mean, escape_control
 from zbuf_occlude.limits import address_space
 
 SOME_FAILED = 3
@@ -25,7 +25,7 @@ def echo(text: object, *, err: bool = False) -> None:
     no encoding, is written as in Python; ``\\n`` alone ends a line.
     """
     COMPILING.close()
-    click.echo("\n".join(map(printable, str(text).split("\n"))), err=err)
+    click.echo("\n".join(map(escape_control, str(text).split("\n"))), err=err)
 
 
 def on(renderer: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import DatasetError, OptionError, in_words, printable
+from zbuf_occlude.errors import DatasetError, OptionError, describe, escape_control
 from zbuf_occlude.extras import importing
 from zbuf_occlude.sensors.bop import MILLIMETRES
 from zbuf_occlude.sensors.sensor import Sensor
@@ -64,10 +64,8 @@ def camera_of(image: Path) -> Camera | None:
         if matrix[0, 1] or matrix[1, 0]:
             raise ValueError("cam_K must have no skew")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        said = f"it has no {error}" if isinstance(error, KeyError) else in_words(error)
-        raise DatasetError(
-            f"{printable(str(path))}: cannot read the camera of {printable(image.name)}: {printable(said)}"
-        ) from None
+        said = f"it has no {error}" if isinstance(error, KeyError) else describe(error)
+        raise DatasetError(escape_control(f"{path}: cannot read the camera of {image.name}: {said}")) from None
     return Camera(image, matrix, scale / MILLIMETRES)
 
 
@@ -116,4 +114,6 @@ def _size(image: Path) -> tuple[int, int]:
         with Image.open(image) as opened:
             return opened.size
     except OSError as error:
-        raise DatasetError(f"{printable(str(image))}: cannot read the scan: {printable(in_words(error))}") from None
+        raise DatasetError(
+            f"{escape_control(str(image))}: cannot read the scan: {escape_control(describe(error))}"
+        ) from None

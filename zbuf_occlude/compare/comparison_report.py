@@ -15,8 +15,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.compare.metrics import (
+    Ranking,
     Row,
-    Standing,
     advice,
     fit_exponent,
     front,
@@ -112,7 +112,7 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     )
 
 
-def finding(ranking: Sequence[Standing]) -> str:
+def finding(ranking: Sequence[Ranking]) -> str:
     """Return the answer in a sentence: the fastest that is never wrong, the depth buffer and the paper's grid."""
     best = min((s for s in ranking if s.wrong == 0.0), key=lambda s: s.seconds)
     text = (
@@ -138,7 +138,7 @@ def facts_of_rows(rows: Sequence[Row]) -> str:
     return text + "."
 
 
-def table_of_answers(ranking: Sequence[Standing]) -> Table:
+def table_of_answers(ranking: Sequence[Ranking]) -> Table:
     """Return the first screen's table: which method is how wrong, how fast, and when to use which."""
     words, best = advice(ranking), front(ranking)
     rows = [
@@ -153,14 +153,14 @@ def table_of_answers(ranking: Sequence[Standing]) -> Table:
     return Table("", ["method", "wrong", "ms per view", "use it"], rows, texts=(0, 3))
 
 
-def approximately(one: Standing) -> str:
+def approximately(one: Ranking) -> str:
     """Write a standing's time, marked when it was scaled up from fewer points."""
     return ("≈ " if one.extrapolated else "") + milliseconds(one.seconds)
 
 
-def table_of_subjects(ranking: Sequence[Standing]) -> Table:
+def table_of_subjects(ranking: Sequence[Ranking]) -> Table:
     """Return the table of every subject with every measure, means over the meshes."""
-    columns: dict[str, Callable[[Standing], str]] = {
+    columns: dict[str, Callable[[Ranking], str]] = {
         "subject": lambda s: f"`{s.subject}`",
         "wrong": lambda s: share(s.wrong),
         "false visible": lambda s: share(s.false_visible),
@@ -229,7 +229,7 @@ def definitions(rows: Sequence[Row]) -> Table:
     return Table("Words", ["", ""], list(words.items()), texts=range(2))
 
 
-def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[Standing]) -> dict[str, Any]:
+def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[Ranking]) -> dict[str, Any]:
     """Collect what the viewer shows: each mesh's points, and the outcomes of each subject's worst view of it."""
     clouds: dict[str, Any] = {}
     order = {one.subject: i for i, one in enumerate(ranking)}
@@ -264,7 +264,7 @@ def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[
     }
 
 
-def subject_shown_first(ranking: Sequence[Standing]) -> str:
+def subject_shown_first(ranking: Sequence[Ranking]) -> str:
     """Return whose worst views the page opens on: the default method's, at its default resolution where it has rows."""
     subjects = [one.subject for one in ranking]
     for subject in ("depth_buffer", "depth_buffer:resolution=512"):
@@ -305,7 +305,7 @@ def plain_axis(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def pareto(ranking: Sequence[Standing]) -> Figure:
+def pareto(ranking: Sequence[Ranking]) -> Figure:
     """Error against time of all subjects, settings of one method joined, the Pareto front drawn as a staircase."""
     figure, (axes,) = canvas(7.2, 5.0)
     least = min((s.wrong for s in ranking if s.wrong > 0), default=1e-3)
@@ -401,7 +401,7 @@ def error_against_setting(rows: Sequence[Row]) -> Figure | None:
     options = {row["subject"]: row["options"] for row in rows}
     panels = []
     for key, title in (("resolution", "pixels on a side of the image"), ("n", "cells on a side of the grid")):
-        lines: dict[tuple[str, str], list[tuple[float, Standing]]] = {}
+        lines: dict[tuple[str, str], list[tuple[float, Ranking]]] = {}
         for one in ranking:
             setting = dict(options[one.subject])
             if isinstance(value := setting.pop(key, None), (int, float)):
@@ -428,7 +428,7 @@ def error_against_setting(rows: Sequence[Row]) -> Figure | None:
     return figure
 
 
-def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Standing]) -> Figure | None:
+def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Ranking]) -> Figure | None:
     """Error against the camera's elevation, mean over meshes and azimuths; None of a single elevation."""
     shown = [s for s in representatives(ranking) if s.wrong > 0]
     judged = [row["judged"]["views"] for row in rows if row["status"] == "ok"]
@@ -456,7 +456,7 @@ def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Standing]) ->
     return figure
 
 
-def error_by_place(rows: Sequence[Row], ranking: Sequence[Standing]) -> Figure | None:
+def error_by_place(rows: Sequence[Row], ranking: Sequence[Ranking]) -> Figure | None:
     """Error by distance from the nearest silhouette and by angle of incidence."""
     shown = [s for s in representatives(ranking) if s.wrong > 0]
     if not shown:

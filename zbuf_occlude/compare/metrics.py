@@ -156,7 +156,7 @@ def measures(pairs: ComparedPairs) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Standing:
+class Ranking:
     """What one subject did over all meshes on which it ran.
 
     Errors are fractions of the compared pairs outside the boundary band, mean over the meshes; times are geometric
@@ -179,7 +179,7 @@ class Standing:
     points_per_second: float
 
 
-def standings(rows: Iterable[Row]) -> list[Standing]:
+def standings(rows: Iterable[Row]) -> list[Ranking]:
     """Return the standing of every subject that was measured and compared, the least wrong first, then the fastest.
 
     Meshes of which no pair lies outside the boundary band tell nothing, and are left out.
@@ -191,12 +191,12 @@ def standings(rows: Iterable[Row]) -> list[Standing]:
     return sorted((_standing(group) for group in groups.values()), key=lambda s: (s.wrong, s.seconds))
 
 
-def _standing(rows: Sequence[Row]) -> Standing:
+def _standing(rows: Sequence[Row]) -> Ranking:
     outside = [row["judged"]["outside"] for row in rows]
     chamfers = [row["judged"]["chamfer"] for row in rows if row["judged"]["chamfer"] is not None]
     memories = [row["timed"]["peak_memory"] for row in rows if row["timed"]["peak_memory"] is not None]
     seconds = [seconds_for_all_points(row) for row in rows]
-    return Standing(
+    return Ranking(
         subject=rows[0]["subject"],
         method=rows[0]["method"],
         n_meshes=len(rows),
@@ -220,12 +220,12 @@ def seconds_for_all_points(row: Row) -> float:
     return float(timed["seconds_per_view"] * row["n_points"] / timed["n_points"])
 
 
-def front(ranking: Sequence[Standing]) -> set[str]:
+def front(ranking: Sequence[Ranking]) -> set[str]:
     """Return the subjects that nothing beats in both error and time: the Pareto front."""
     return {a.subject for a in ranking if not any(_beats(b, a) for b in ranking)}
 
 
-def advice(ranking: Sequence[Standing]) -> dict[str, str]:
+def advice(ranking: Sequence[Ranking]) -> dict[str, str]:
     """Say of every subject of a ranking (of `standings`) when to use it, from what was measured alone."""
     best = front(ranking)
     right = [s for s in ranking if s.wrong == 0.0]
@@ -258,7 +258,7 @@ def advice(ranking: Sequence[Standing]) -> dict[str, str]:
     return words
 
 
-def _beats(a: Standing, b: Standing) -> bool:
+def _beats(a: Ranking, b: Ranking) -> bool:
     return a.wrong <= b.wrong and a.seconds <= b.seconds and (a.wrong < b.wrong or a.seconds < b.seconds)
 
 
@@ -293,7 +293,7 @@ def _digits(value: float, n: int) -> str:
     return f"{rounded if decimals >= 0 else value:,.{max(0, decimals)}f}"
 
 
-def representatives(ranking: Sequence[Standing]) -> list[Standing]:
+def representatives(ranking: Sequence[Ranking]) -> list[Ranking]:
     """Return what the first screen shows: the Pareto front, and of every other method its least wrong setting."""
     best = front(ranking)
     shown, methods = [], {s.method for s in ranking if s.subject in best}

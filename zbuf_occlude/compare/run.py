@@ -30,7 +30,7 @@ from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.provenance import n_cores, versions
 from zbuf_occlude.shapes.solids import box
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 ROWS, REFERENCE = "rows.jsonl", "judge"
 """In a comparison's folder: the rows; the folder of the reference's answers."""
@@ -181,7 +181,7 @@ class MeasurementFailed(Exception):  # noqa: N818  (not an error of ours: a resu
     """The method raised, crashed or timed out; the message is the reason."""
 
 
-class Bench:
+class BenchmarkCase:
     """Runs measurements in a child process, one at a time; a child that crashed or timed out is replaced.
 
     `limit` is the timeout of a measurement in seconds; compiling, which is done once, does not count.
@@ -276,7 +276,7 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
 
 
 def timed(
-    occluder: Occluder, points: SurfacePoints, eyes: Any, budget: float
+    occluder: VisibilityQuery, points: SurfacePoints, eyes: Any, budget: float
 ) -> tuple[BoolArray, list[float], list[float]]:
     """Ask repeatedly; return the answer and the wall and processor seconds of each call.
 
@@ -295,7 +295,7 @@ def timed(
             return mask, wall[1:] or wall, cpu[1:] or cpu
 
 
-def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[Any, int]:
+def affordable(occluder: VisibilityQuery, question: Question, budget: float) -> tuple[Any, int]:
     """Return which views and how many points may be asked, so that one call takes a third of the budget at most."""
     n_all, n_views = len(question.points), len(question.views)
     allowed = budget / FEWEST_REPEATS
@@ -367,7 +367,7 @@ def _reset_peak() -> None:
 
 
 @dataclass
-class Tally:
+class RunCounts:
     """How many rows were made, found, and failed."""
 
     made: int = 0
@@ -383,7 +383,7 @@ def run(
     limit: float = ROW_SECONDS,
     judge_points: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
-) -> Tally:
+) -> RunCounts:
     """Make the rows that a folder lacks; it is made when missing.
 
     `budget` are seconds of timed calls for each row, `limit` is the timeout of a row, `judge_points` as in
@@ -392,8 +392,8 @@ def run(
     """
     store, reference = ComparisonFolder(out), Reference(out / REFERENCE, judge_points)
     known = store.rows()
-    tally = Tally()
-    with closing(Bench(limit)) as bench:
+    tally = RunCounts()
+    with closing(BenchmarkCase(limit)) as bench:
         for case in cases:
             try:
                 question = case.make()

@@ -22,7 +22,7 @@ from zbuf_occlude.compare.bop_folder import camera_of, model_number
 from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
-from zbuf_occlude.errors import ArgumentError, printable
+from zbuf_occlude.errors import ArgumentError, escape_control
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.meshes.load import load_mesh
@@ -32,7 +32,7 @@ from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.scanning import default_caster, scan
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 DEPTH_UNIT = 0.001
 """Metres of one step of a depth image, of which nothing is said."""
@@ -109,8 +109,7 @@ class ScanComparison:
         """Return how many vertices are of a case, over those predicted or scanned."""
         return _ratio((self.cases == case).sum(), (self.cases != NEITHER).sum())
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data of everything but the vertices."""
         return {
             "name": self.name,
@@ -223,7 +222,9 @@ def compare_scans(
             clouds.append(as_vectors(cast(Any, each), "a scan"))
         else:
             unit = depth_unit or (camera.depth_unit if camera else DEPTH_UNIT)
-            clouds.append(as_vectors(read_scan_file(path, sensors[-1], unit), f"the points of {printable(path.name)}"))
+            clouds.append(
+                as_vectors(read_scan_file(path, sensors[-1], unit), f"the points of {escape_control(path.name)}")
+            )
     if isinstance(poses, str | Path):
         poses = read_poses(Path(poses), [path or Path(name) for path, name in zip(paths, names, strict=True)], model)
     matrices = [np.eye(4)] * len(clouds) if poses is None else [rigid(pose, "a pose") for pose in poses]
@@ -240,7 +241,7 @@ class _Question:
     """What is the same for all scans."""
 
     mesh: Mesh
-    occluder: Occluder
+    occluder: VisibilityQuery
     mounted: FloatArray
     tolerance: float | None
     slack: float | None
@@ -260,11 +261,12 @@ class _Question:
         """Compare one scan."""
         cloud = cloud[(cloud != self.mounted[:3, 3]).any(axis=1)]  # what is in the sensor itself has no direction
         if not len(cloud):
-            raise ArgumentError(f"a scan must have points; {printable(name)} has none.")
+            raise ArgumentError(f"a scan must have points; {escape_control(name)} has none.")
         spacing = float(np.median(_distances(cloud, cloud, 2)[:, 1]))
         if not (spacing > 0.0 or (self.tolerance and self.slack)):
             raise ArgumentError(
-                f"a scan must have points apart from each other; {printable(name)} has not. Give tolerance and slack."
+                f"a scan must have points apart from each other; {escape_control(name)} has not. "
+                "Give tolerance and slack."
             )
         tolerance = self.tolerance or 2.0 * spacing
         slack = self.slack or 4.0 * spacing
@@ -444,8 +446,8 @@ def _apart(name: str, fault: str, points: FloatArray, mesh: Mesh) -> str:
         times = f"{factor:,.0f} times as large" if factor > 1.0 else f"{1.0 / factor:,.0f} times smaller"
         why = f"The mesh is about {times}: are the units mixed? Scale it by {1.0 / factor:g}, or give poses."
     return (
-        f"a scan must be near the mesh; of {printable(name)} {fault}. The longest side of the scan is {scanned:.4g}, "
-        f"of the mesh {size:.4g}. {why}"
+        f"a scan must be near the mesh; of {escape_control(name)} {fault}. The longest side of the scan is "
+        f"{scanned:.4g}, of the mesh {size:.4g}. {why}"
     )
 
 
@@ -477,7 +479,7 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     """Write ``scans.html`` and ``.md``, a picture for each scan, and ``scans.json``; return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     data = folder / "scans.json"
-    document = {"sensor": sensor.document, "scans": [each.document for each in found]}
+    document = {"sensor": sensor.to_dict(), "scans": [each.to_dict() for each in found]}
     text = json.dumps(document, indent=1) + "\n"
     atomic.write(data, lambda file: file.write(text.encode()))
     agreements = np.array([each.agreement for each in found])

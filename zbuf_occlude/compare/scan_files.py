@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.compare.bop_folder import poses_of
-from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError, OptionError, in_words, printable
+from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError, OptionError, describe, escape_control
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
 from zbuf_occlude.meshes.load import warn_of_foreign_lines
@@ -46,7 +46,7 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     UnavailableError
         PCD without Open3D, PNG without Pillow.
     """
-    name, suffix = printable(str(path)), path.suffix.lower()
+    name, suffix = escape_control(str(path)), path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DatasetError(f"{name}: a scan must end in one of {', '.join(SUFFIXES)}.")
     try:
@@ -54,7 +54,7 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
             raise DatasetError(f"{name}: a scan must have at most {MOST_BYTES:,} bytes.")
         points = _read(path, suffix, sensor, depth_unit)
     except (OSError, ValueError, KeyError, MeshError) as error:
-        raise DatasetError(f"{name}: cannot read the scan: {printable(in_words(error))}") from None
+        raise DatasetError(f"{name}: cannot read the scan: {escape_control(describe(error))}") from None
     points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
     if not len(points):
         raise DatasetError(f"{name}: a scan must have points; this one has none.")
@@ -100,7 +100,7 @@ def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:
     size = sensor.pattern["height"], sensor.pattern["width"]
     if depths.shape != size:
         raise OptionError(
-            f"{printable(path.name)} must have {size[1]} x {size[0]} pixels, one channel, as {sensor.name} has; "
+            f"{escape_control(path.name)} must have {size[1]} x {size[0]} pixels, one channel, as {sensor.name} has; "
             f"it is {' x '.join(map(str, depths.shape[::-1]))}. Set width and height of the sensor."
         )
     directions = sensor.rays().directions
@@ -126,7 +126,7 @@ def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> l
     DatasetError
         Not readable, or not one rigid motion for each scan.
     """
-    name = printable(str(path))
+    name = escape_control(str(path))
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
         if path.suffix.lower() == ".conf":
@@ -139,7 +139,7 @@ def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> l
                 rows = [[number for row in rows for number in row]]
             poses = [_square(row) for row in rows]
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
-        raise DatasetError(f"{name}: cannot read poses: {printable(in_words(error))}") from None
+        raise DatasetError(f"{name}: cannot read poses: {escape_control(describe(error))}") from None
     if len(poses) != len(scans):
         raise DatasetError(f"{name} must hold a pose for each of {len(scans)} scans; it has {len(poses)}.")
     try:

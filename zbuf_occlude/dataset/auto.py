@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig
 from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.limits import Limits
@@ -51,18 +51,18 @@ def by_default() -> Choice:
 def remark_on_renderer(method: str) -> str:
     """Say that a method would render in software beside an NVIDIA GPU; "" where it would not."""
     from zbuf_occlude.gl.context import GlContext  # late, as above
-    from zbuf_occlude.gl.devices import NVIDIA, fallen_to_software
+    from zbuf_occlude.gl.devices import NVIDIA, explain_software_fallback
 
     if method == AUTO or not find_method(method).needs_gl or not NVIDIA.exists():
         return ""
     try:
         with GlContext.open() as gl:
-            return fallen_to_software(gl.renderer)
+            return explain_software_fallback(gl.renderer)
     except GlError:  # who opens it in earnest says why not
         return ""
 
 
-def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
+def resolve(recipe: DatasetConfig, meshes: MeshCollection) -> DatasetConfig:
     """Replace the method `auto` by a choice for this machine; leave any other recipe as it is.
 
     On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
@@ -80,7 +80,7 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     return replace(recipe, method=choice.method, reason=choice.reason)
 
 
-def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
+def gain_on_gpu(recipe: DatasetConfig, meshes: MeshCollection) -> float:
     """Return how many times as fast as `exact` `exact_gl` answers on this machine's GPU; 0 where there is none.
 
     Both are asked, after a smaller question that compiles, about the mesh of middling size of a few.

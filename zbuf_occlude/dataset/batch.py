@@ -1,8 +1,8 @@
 """Batches: a few meshes made into clouds at a time; and what is known of batches and groups that are done.
 
 A batch's clouds are kept in a file of the work folder until they are in final files. It begins with a line of JSON, its
-`Outcome`; then come the clouds, those of each final file together. It appears when it is whole, so a batch is done when
-its file is there. A group is done when ``groups/NUMBER.json``, the outcome of all its batches and its files, is there.
+`BatchReport`; then come the clouds, those of each final file together. It appears when it is whole, so a batch is done
+when its file is there. A group is done when ``groups/NUMBER.json``, the outcome of all its batches and its files, is there.
 """
 
 import hashlib
@@ -22,23 +22,23 @@ import numpy as np
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.counts import Blank, Counts
+from zbuf_occlude.dataset.counts import Blank, QualityCounts
 from zbuf_occlude.dataset.folder import GROUPS, WORK, is_as_written, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.packed import Archive, archive_name
 from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, samplings
 from zbuf_occlude.dataset.plan import Numbers, Plan
-from zbuf_occlude.dataset.records import Records, gather_clouds, laid_out, read_archive, record_type
+from zbuf_occlude.dataset.records import Records, gather_clouds, read_archive, record_type, to_arrays
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.provenance import Origin
+from zbuf_occlude.provenance import MeshSource
 
 REMEDY = "Run the same `zbuf-occlude generate` again."
 
 
-class Piece(NamedTuple):
+class ByteRange(NamedTuple):
     """Where the clouds of one final file lie in a batch's file, behind its first line."""
 
     begin: int
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
     crc32: int
 
 
-class Named(NamedTuple):
+class FileDigest(NamedTuple):
     """A final file, and how to recognise it."""
 
     name: str
@@ -54,29 +54,33 @@ class Named(NamedTuple):
     sha256: str
 
     @classmethod
-    def of(cls, path: Path) -> "Named":
+    def of(cls, path: Path) -> "FileDigest":
         """Describe a file that was written."""
         return cls(path.name, path.stat().st_size, sha256_of(path))
 
 
 @dataclass(frozen=True)
-class Outcome:
+class BatchReport:
     """What came of a batch, or of all batches of a group; of meshes by their keys."""
 
     fingerprint: str  # of the plan
-    counts: Counts = field(default_factory=Counts)
+    counts: QualityCounts = field(default_factory=QualityCounts)
     failures: Mapping[str, str] = field(default_factory=dict)  # reasons
     given_up: Mapping[str, Limits] = field(default_factory=dict)  # of failures by limits, or that ended workers
     blank: Mapping[str, Blank] = field(default_factory=dict)  # what is known of views without a cloud
-    origins: Mapping[str, Origin] = field(default_factory=dict)  # what every mesh was made of
+    origins: Mapping[str, MeshSource] = field(default_factory=dict)  # what every mesh was made of
     renderers: list[str] = field(default_factory=list)
     seconds: float = 0.0  # that making it took
     n_clouds: Mapping[str, int] = field(default_factory=dict)  # by split
-    files: Mapping[str, list[Named]] = field(default_factory=dict)  # final ones by split; an archive may be in several
-    pieces: Mapping[int, Piece] = field(default_factory=dict)  # by file number; none in the format packed
+    files: Mapping[str, list[FileDigest]] = field(
+        default_factory=dict
+    )  # final ones by split; an archive may be in several
+    pieces: Mapping[int, ByteRange] = field(default_factory=dict)  # by file number; none in the format packed
 
     @classmethod
-    def of_all(cls, fingerprint: str, parts: list["Outcome"], files: Mapping[str, list[Named]]) -> "Outcome":
+    def of_all(
+        cls, fingerprint: str, parts: list["BatchReport"], files: Mapping[str, list[FileDigest]]
+    ) -> "BatchReport":
         """Sum up batches or groups; `files` are those besides their own."""
         all_files = {split: list(of_split) for split, of_split in files.items()}
         for part in parts:
@@ -84,7 +88,7 @@ class Outcome:
                 all_files.setdefault(split, []).extend(of_split)
         return cls(
             fingerprint,
-            counts=sum((part.counts for part in parts), Counts()),
+            counts=sum((part.counts for part in parts), QualityCounts()),
             failures={key: reason for part in parts for key, reason in part.failures.items()},
             given_up={key: limits for part in parts for key, limits in part.given_up.items()},
             blank={key: blank for part in parts for key, blank in part.blank.items()},
@@ -96,7 +100,7 @@ class Outcome:
         )
 
     @property
-    def made(self) -> dict[str, Origin]:
+    def made(self) -> dict[str, MeshSource]:
         """What the meshes that did not fail were made of, by key."""
         return {key: origin for key, origin in self.origins.items() if key not in self.failures}
 
@@ -105,9 +109,9 @@ class Outcome:
         names = {file.name for of_split in self.files.values() for file in of_split}
         document = {
             **self.__dict__,
-            "counts": self.counts.document,
-            "given_up": {key: limits.document for key, limits in self.given_up.items()},
-            "origins": {key: origin.document for key, origin in self.origins.items()},
+            "counts": self.counts.to_dict(),
+            "given_up": {key: limits.to_dict() for key, limits in self.given_up.items()},
+            "origins": {key: origin.to_dict() for key, origin in self.origins.items()},
             "pieces": {str(file): piece for file, piece in self.pieces.items()},
             "names": sorted(names),
         }
@@ -116,19 +120,19 @@ class Outcome:
         atomic.write(path, lambda file: file.writelines([line, *clouds]), synced=synced)
 
     @classmethod
-    def from_json(cls, line: bytes) -> "Outcome":
+    def from_json(cls, line: bytes) -> "BatchReport":
         """Read back what `write` wrote; what is raised of damaged bytes is among `atomic.DAMAGES`."""
         document = json.loads(line)
         if document.pop("checksum") != _checksum(document):
             raise ValueError("its checksum differs")
         del document["names"]
         read: dict[str, Any] = {
-            "counts": Counts.from_document(document["counts"]),
+            "counts": QualityCounts.from_dict(document["counts"]),
             "given_up": {key: Limits(*limits) for key, limits in document["given_up"].items()},
             "blank": {key: Blank(*each) for key, each in document["blank"].items()},
-            "origins": {key: Origin.from_document(each) for key, each in document["origins"].items()},
-            "files": {split: [Named(*file) for file in of_split] for split, of_split in document["files"].items()},
-            "pieces": {int(file): Piece(*piece) for file, piece in document["pieces"].items()},
+            "origins": {key: MeshSource.from_dict(each) for key, each in document["origins"].items()},
+            "files": {split: [FileDigest(*file) for file in of_split] for split, of_split in document["files"].items()},
+            "pieces": {int(file): ByteRange(*piece) for file, piece in document["pieces"].items()},
         }
         return cls(**{**document, **read})
 
@@ -137,7 +141,7 @@ def _checksum(document: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
-class Clouds:
+class CloudBuffer:
     """Collects the clouds of a batch: their records, drawn already."""
 
     def __init__(self, plan: Plan) -> None:
@@ -164,7 +168,7 @@ class Clouds:
                 found[file] = [record.view(np.uint8).data for record in some]
             else:
                 buffer = io.BytesIO()
-                np.savez(buffer, **laid_out(np.concatenate(some), self._plan.recipe))  # type: ignore[arg-type]
+                np.savez(buffer, **to_arrays(np.concatenate(some), self._plan.recipe))  # type: ignore[arg-type]
                 found[file] = [buffer.getbuffer()]
         return found
 
@@ -178,21 +182,21 @@ def _places(plan: Plan, records: list[Records]) -> tuple[Numbers, Numbers]:
     return plan.places(mesh_ids, variations, view_ids)
 
 
-def new_store(plan: Plan) -> Clouds | Archive:
+def new_store(plan: Plan) -> CloudBuffer | Archive:
     """Return what collects the clouds of a batch."""
-    return Archive(plan) if plan.format == PACKED else Clouds(plan)
+    return Archive(plan) if plan.format == PACKED else CloudBuffer(plan)
 
 
 class MadeMesh(NamedTuple):
     """What came of a mesh whose clouds were made."""
 
-    counts: Counts
+    counts: QualityCounts
     renderer: str
-    origin: Origin
+    origin: MeshSource
     blank: Blank | None  # None where all views have a cloud
 
 
-def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> MadeMesh:
+def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: CloudBuffer | Archive) -> MadeMesh:
     """Make all clouds of a mesh, and put them into a store.
 
     The store is left as it was where MeshError or ArgumentError says that the mesh cannot be used.
@@ -223,8 +227,14 @@ def make_batch(
     is begun, and with None before the batch is written.
     """
     began = time.perf_counter()
-    store, counts, renderer, n_clouds, blank = new_store(plan), Counts(), "none", Counter[str](), dict[str, Blank]()
-    failures, origins, mesh_ids = dict[str, str](), dict[str, Origin](), plan.batches[number].mesh_ids
+    store, counts, renderer, n_clouds, blank = (
+        new_store(plan),
+        QualityCounts(),
+        "none",
+        Counter[str](),
+        dict[str, Blank](),
+    )
+    failures, origins, mesh_ids = dict[str, str](), dict[str, MeshSource](), plan.batches[number].mesh_ids
     for mesh_id in mesh_ids:
         entry = plan.meshes[mesh_id]
         on_mesh(mesh_id)
@@ -239,17 +249,22 @@ def make_batch(
         blank |= {} if without is None else {entry.key: without}
         n_clouds[entry.split] += of_mesh.n_clouds
     on_mesh(None)
-    files, contents, pieces, begin = dict[str, list[Named]](), dict[int, list[memoryview]](), dict[int, Piece](), 0
+    files, contents, pieces, begin = (
+        dict[str, list[FileDigest]](),
+        dict[int, list[memoryview]](),
+        dict[int, ByteRange](),
+        0,
+    )
     if isinstance(store, Archive):
         store.write(out / archive_name(number))
-        files = {split: [Named.of(out / archive_name(number))] for split in n_clouds}
+        files = {split: [FileDigest.of(out / archive_name(number))] for split in n_clouds}
     else:
         contents = store.pieces()
     for file, content in contents.items():
         crc32 = reduce(lambda before, part: zlib.crc32(part, before), content, 0)
-        pieces[file] = Piece(begin, sum(map(len, content)), crc32)
+        pieces[file] = ByteRange(begin, sum(map(len, content)), crc32)
         begin += pieces[file].n_bytes
-    outcome = Outcome(
+    outcome = BatchReport(
         fingerprint=plan.fingerprint,
         counts=counts,
         failures=failures,
@@ -276,7 +291,7 @@ def group_path(out: Path, number: int) -> Path:
     return out / GROUPS / f"{number:06d}.json"
 
 
-def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outcome | None, str]:
+def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[BatchReport | None, str]:
     """Return the outcome of a batch or group that is done; else None and, where there is something, what is wrong.
 
     With `closely` the checksums of clouds and of all files are compared too, else of files that have changed since. One
@@ -284,7 +299,7 @@ def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outc
     """
     try:
         with open(path, "rb") as file:
-            outcome = Outcome.from_json(file.readline())
+            outcome = BatchReport.from_json(file.readline())
             n_bytes = sum(piece.n_bytes for piece in outcome.pieces.values())
             if path.stat().st_size != file.tell() + n_bytes:
                 raise ValueError("its size differs")
@@ -304,7 +319,7 @@ def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outc
     return outcome, ""
 
 
-def read_groups(plan: Plan, out: Path) -> Iterator[Outcome]:
+def read_groups(plan: Plan, out: Path) -> Iterator[BatchReport]:
     """Yield the outcomes of all groups of a dataset; raise DatasetError where one is not done."""
     for number in range(len(plan.groups)):
         group, fault = read_outcome(plan, group_path(out, number))
@@ -316,7 +331,7 @@ def read_groups(plan: Plan, out: Path) -> Iterator[Outcome]:
         yield group
 
 
-def check_origins(entries: Iterable[MeshEntry], origins: Mapping[str, Origin], out: Path) -> None:
+def check_origins(entries: Iterable[MeshEntry], origins: Mapping[str, MeshSource], out: Path) -> None:
     """Raise DatasetError unless meshes are what data in a folder were made of, their `origins` by key."""
     for entry in entries:
         then = origins.get(entry.key)
@@ -329,7 +344,7 @@ def check_origins(entries: Iterable[MeshEntry], origins: Mapping[str, Origin], o
         )
 
 
-def worth_another_try(entry: MeshEntry, origin: Origin, given_up: Limits | None, limits: Limits) -> bool:
+def should_retry(entry: MeshEntry, origin: MeshSource, given_up: Limits | None, limits: Limits) -> bool:
     """Whether the cause of a mesh's failure may be gone: the file is another, or the limits are wider."""
     wider = given_up is not None and limits.allow_more_than(given_up)
     return wider or entry.origin_of_failure() != origin
@@ -348,7 +363,7 @@ def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
 
 def _read_piece(plan: Plan, path: Path, number: int) -> Records:
     with reading(path, REMEDY), open(path, "rb") as file:
-        piece = Outcome.from_json(file.readline()).pieces.get(number)
+        piece = BatchReport.from_json(file.readline()).pieces.get(number)
         if piece is None:
             return np.empty(0, record_type(plan.recipe))
         file.seek(piece.begin, io.SEEK_CUR)

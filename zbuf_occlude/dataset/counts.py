@@ -45,7 +45,7 @@ class WorstMesh(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Counts:
+class QualityCounts:
     """What was made and what was checked."""
 
     n_clouds: int = 0
@@ -72,7 +72,7 @@ class Counts:
     n_without_windows: int = 0  # meshes that have none of the windows asked for
     faces_dropped: Mapping[str, int] = field(default_factory=dict)  # by cleaning, for each reason
 
-    def __add__(self, other: "Counts") -> "Counts":
+    def __add__(self, other: "QualityCounts") -> "QualityCounts":
         """Return the counts of both; of equally bad views or meshes the first."""
         added: dict[str, Any] = {}
         for name in (each.name for each in fields(self)):
@@ -85,20 +85,19 @@ class Counts:
                 added[name] = {reason: mine.get(reason, 0) + theirs.get(reason, 0) for reason in {**mine, **theirs}}
             else:
                 added[name] = mine + theirs
-        return Counts(**added)
+        return QualityCounts(**added)
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
         return asdict(self)
 
     @classmethod
-    def of_cut(cls, n_returns: int, n_near: int, n_far: int, clear_range: float) -> "Counts":
+    def of_cut(cls, n_returns: int, n_near: int, n_far: int, clear_range: float) -> "QualityCounts":
         """Count what limits of range cut off one scan (`sensors.capture.Cut`)."""
         return cls(n_returns=n_returns, n_too_near=n_near, n_too_far=n_far, clear_range=clear_range)
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> "Counts":
+    def from_dict(cls, document: Mapping[str, Any]) -> "QualityCounts":
         """Read back what `document` gave."""
         worst, most = document["worst"], document["most_stacked"]
         read = {"worst": worst and WorstView(*worst), "most_stacked": most and WorstMesh(*most)}

@@ -72,7 +72,7 @@ def read_plan(out: Path) -> Plan:
         raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
     with reading(path, PLAN_REMEDY):
         document = read_object(path, {"fingerprint": str})
-        plan = Plan.from_document(document)
+        plan = Plan.from_dict(document)
         found = plan.fingerprint
     if found != document["fingerprint"]:
         raise DatasetError(
@@ -198,7 +198,7 @@ def plan_in(out: Path) -> Plan | None:
         raise DatasetError(f"{error} Choose another folder.") from None
 
 
-def holds(plan: Plan, out: Path) -> bool:
+def contains_plan(plan: Plan, out: Path) -> bool:
     """Whether a folder holds this plan's dataset, finished or not; False if empty, DatasetError of anything else."""
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
@@ -211,15 +211,15 @@ def holds(plan: Plan, out: Path) -> bool:
     )
 
 
-def occupy(plan: Plan, out: Path) -> None:
+def claim_folder(plan: Plan, out: Path) -> None:
     """Make the folder this plan's, or find that it is already (`holds`); nothing in it is removed."""
-    if not holds(plan, out):
+    if not contains_plan(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
             document = {"fingerprint": plan.fingerprint, **plan.document}
             atomic.write_json(out / PLAN, document, exclusive=True)
         except FileExistsError:  # another run was faster
-            holds(plan, out)
+            contains_plan(plan, out)
 
 
 @contextmanager
@@ -265,7 +265,7 @@ def remove(out: Path) -> None:
     """Remove a dataset from its folder, with the complete clouds of it, if that is all (`removable`)."""
     for folder, plan in removable(out):
         unfinish(folder)  # first: what is left is no finished dataset
-        own, _ = sorted_out(folder, plan)
+        own, _ = partition_files(folder, plan)
         names = f"{WORK}/{EXPORT_NAMES}"
         remove_files(folder, [name for name in own if name not in (PLAN, LOCK, names)])
         remove_files(folder, [names, f"{WORK}/"])  # last but one: until then all files are known to be ours
@@ -290,7 +290,7 @@ def removable(out: Path) -> list[tuple[Path, Plan]]:
     datasets = [(out / ORIGINAL, original)] if original else []
     datasets += [(out, plan)] if plan else []
     for folder, each in datasets:
-        if others := sorted_out(folder, each)[1]:
+        if others := partition_files(folder, each)[1]:
             more = f" and {len(others) - 1} more" if len(others) > 1 else ""
             raise DatasetError(
                 f"{folder} must hold nothing but its dataset to be overwritten; it has other files: {others[0]}{more}. "
@@ -308,12 +308,12 @@ def _original(out: Path) -> Plan | None:
 
 def remove_work(out: Path, plan: Plan) -> None:
     """Remove what a finished dataset no longer needs: unfinished work, and temporary files of killed processes."""
-    own, _ = sorted_out(out, plan)
+    own, _ = partition_files(out, plan)
     left = [each for each in own if each.split("/")[0] in (WORK, STORED) or atomic.is_temporary(each.split("/")[-1])]
     remove_files(out, [name for name in left if name != LOCK])
 
 
-def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
+def partition_files(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
     """Return what in a dataset's folder is the dataset's, and what is not: files, and folders, which end in a slash."""
     names = {PLAN, MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)}
     names |= set(find_format(plan.format).names(plan)) | set(recorded(out))

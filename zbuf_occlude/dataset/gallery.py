@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.records import Records
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
 from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud
-from zbuf_occlude.errors import printable
+from zbuf_occlude.errors import escape_control
 from zbuf_occlude.views import Views
 
 if find_spec("PIL") is not None:
@@ -62,7 +62,7 @@ COLOURS = (
 )  # fmt: skip
 
 
-def write_contact_sheet(path: Path, source: Source) -> bool:
+def write_contact_sheet(path: Path, source: CloudReader) -> bool:
     """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
 
     Where all points of the objects are kept, what the camera does not see stands pale behind.
@@ -98,7 +98,7 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     return True
 
 
-def _clouds_of_all_classes(source: Source) -> Records:
+def _clouds_of_all_classes(source: CloudReader) -> Records:
     """The first clouds of the first split; of the others too, as long as a class is lacking."""
     clouds: list[Records] = []
     for split in source.order:
@@ -156,7 +156,7 @@ def _telling(labels: NDArray[Any], poses: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def hidden_part(record: Any, source: Source) -> FloatArray:
+def hidden_part(record: Any, source: CloudReader) -> FloatArray:
     """Return points (m, 3) of a cloud's object that its camera does not see, world space; none where none are kept."""
     if source.block is None or source.plan.recipe.setup is not None:
         return np.empty((0, 3))
@@ -179,7 +179,7 @@ def upright(
     return (positions - centre) / longest, (eye - centre) / longest, rotation[1], (hidden - centre) / longest
 
 
-def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: Path) -> None:
+def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], folder: Path) -> None:
     """Write the page of a dataset in a folder, which has this manifest."""
     classes = source.plan.classes
     considered = np.concatenate([next(source.batches(split, CONSIDERED)) for split in source.order])
@@ -202,9 +202,9 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
             f"{error['false_hidden']:.3%} false hidden"
         )
     page = Template(asset("gallery.html")).substitute(
-        title=html.escape(printable(f"Occluded point clouds: {folder.absolute().name}")),
+        title=html.escape(escape_control(f"Occluded point clouds: {folder.absolute().name}")),
         style=asset("page.css"),
-        facts=html.escape(printable("; ".join(facts)) + "."),
+        facts=html.escape(escape_control("; ".join(facts)) + "."),
         viewer_script=asset("cloud_viewer.js"),
         data=json_for_page({"classes": rows}),
         page_script=asset("gallery.js"),
@@ -226,7 +226,7 @@ def _far_apart(records: Records) -> Records:
     return np.asarray(picked[np.argsort(-picked["view"][:, 1], kind="stable")])
 
 
-def _packed(record: Any, source: Source, colour: tuple[int, int, int]) -> dict[str, Any]:
+def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> dict[str, Any]:
     in_camera_frame = source.plan.recipe.frame == "camera"
     positions, eye, _, ghost = upright(record, in_camera_frame, hidden_part(record, source))
     positions, normals = positions[:POINTS], None

@@ -17,8 +17,8 @@ from typing import Any, Literal
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.batch import (
-    Named,
-    Outcome,
+    BatchReport,
+    FileDigest,
     batch_path,
     check_origins,
     clouds_of_file,
@@ -26,7 +26,7 @@ from zbuf_occlude.dataset.batch import (
     make_batch,
     read_groups,
     read_outcome,
-    worth_another_try,
+    should_retry,
 )
 from zbuf_occlude.dataset.counts import FEW
 from zbuf_occlude.dataset.export import export_here, frame_in_words, stored_plan
@@ -35,10 +35,10 @@ from zbuf_occlude.dataset.folder import (
     MANIFEST,
     STORED,
     checksums,
+    claim_folder,
+    contains_plan,
     damaged,
-    holds,
     locked,
-    occupy,
     read_manifest,
     removable,
     remove,
@@ -49,12 +49,12 @@ from zbuf_occlude.dataset.folder import (
 )
 from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.gallery import write_contact_sheet
-from zbuf_occlude.dataset.packed import STEPS
+from zbuf_occlude.dataset.packed import QUANT_LEVELS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.gl.devices import fallen_to_software
+from zbuf_occlude.gl.devices import explain_software_fallback
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.provenance import Origin, versions
+from zbuf_occlude.provenance import MeshSource, versions
 from zbuf_occlude.visibility import find_method
 from zbuf_occlude.workers import Run, run_here
 
@@ -67,7 +67,7 @@ Job = tuple[Literal["batch", "file"], int]
 
 
 @dataclass(frozen=True)
-class Making:
+class GenerateTask:
     """The task of making a dataset; `needs_gl` where batches are made, and their method renders."""
 
     plan: Plan
@@ -80,7 +80,7 @@ class Making:
         gl: Any,
         lost: Mapping[int, GivenUp] = MappingProxyType({}),
         on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
-    ) -> Named | None:
+    ) -> FileDigest | None:
         """Make a batch, or write a file; return the file, None of one that no cloud is for."""
         what, number = job
         if what == "batch":
@@ -89,7 +89,7 @@ class Making:
         return write_file(self.plan, number, self.out)
 
 
-def write_file(plan: Plan, number: int, out: Path) -> Named | None:
+def write_file(plan: Plan, number: int, out: Path) -> FileDigest | None:
     """Write a final file, if it has clouds, from its group's batches; DatasetError where one is missing or damaged."""
     file, module = plan.files[number], find_format(plan.format).load()
     records = clouds_of_file(plan, out, number)
@@ -97,7 +97,7 @@ def write_file(plan: Plan, number: int, out: Path) -> Named | None:
         return None
     path = out / module.file_name(file.split, file.number)
     module.write(path, records, plan, file.number)
-    return Named.of(path)
+    return FileDigest.of(path)
 
 
 class Schedule:
@@ -120,7 +120,7 @@ class Schedule:
         self._on_batch, self._on_file = on_batch, on_file
         self._files_of = plan.files_of if plan.format != PACKED else [range(0)] * len(plan.groups)
         self._left = dict[int, int]()
-        self._written = dict[int, Named]()
+        self._written = dict[int, FileDigest]()
         self.todo: list[Job] = []
         self.made = time.perf_counter()
         for group in groups:
@@ -139,7 +139,7 @@ class Schedule:
             self._left[group] = len(missing)
             self.todo += missing or self._begin_files(group)
 
-    def done(self, job: Job, result: Named | None) -> list[Job]:
+    def done(self, job: Job, result: FileDigest | None) -> list[Job]:
         """Take note of a job that is done; return the jobs that can be done now."""
         what, number = job
         if what == "batch":
@@ -169,7 +169,7 @@ class Schedule:
 
     def _record(self, group: int) -> None:
         """Write the record of a group, whose files are written; its batches are not needed any more."""
-        plan, batches, files = self.plan, list[Outcome](), dict[str, list[Named]]()
+        plan, batches, files = self.plan, list[BatchReport](), dict[str, list[FileDigest]]()
         for number in plan.batches_of[group]:
             batch, fault = read_outcome(plan, batch_path(self.out, number))
             if batch is None:
@@ -178,7 +178,7 @@ class Schedule:
         for number in self._files_of[group]:
             if number in self._written:
                 files.setdefault(plan.files[number].split, []).append(self._written.pop(number))
-        Outcome.of_all(plan.fingerprint, batches, files).write(group_path(self.out, group), synced=True)
+        BatchReport.of_all(plan.fingerprint, batches, files).write(group_path(self.out, group), synced=True)
         for number in plan.batches_of[group]:
             batch_path(self.out, number).unlink(missing_ok=True)
 
@@ -192,7 +192,7 @@ class Schedule:
                 entry.key
                 for entry in entries
                 if entry.key in outcome.failures
-                and worth_another_try(entry, outcome.origins[entry.key], outcome.given_up.get(entry.key), self._limits)
+                and should_retry(entry, outcome.origins[entry.key], outcome.given_up.get(entry.key), self._limits)
             ]
             fault = f"{again[0]}, which failed, is tried again" if again else ""
         if fault:
@@ -252,12 +252,16 @@ def generate(
     if overwrite and removable(out):
         with locked(out):
             remove(out)
-    elif holds(plan, out) and (finished := read_manifest(out)) is not None and not _faults(plan, finished, out, limits):
+    elif (
+        contains_plan(plan, out)
+        and (finished := read_manifest(out)) is not None
+        and not _faults(plan, finished, out, limits)
+    ):
         progress(plan.n_clouds)
         remove_work(out, plan)
         return finished
     with locked(out, None if share == (0, 1) else groups):
-        occupy(plan, out)
+        claim_folder(plan, out)
         if (finished := read_manifest(out)) is not None:
             faults = _faults(plan, finished, out, limits)
             if not faults:  # another run has just ended
@@ -276,7 +280,7 @@ def generate(
         if schedule.todo:
             makes_meshes = any(what == "batch" for what, _ in schedule.todo)
             needs_gl = makes_meshes and find_method(plan.recipe.method).needs_gl
-            (run or run_here)(Making(plan, out, needs_gl), list(schedule.todo), schedule.done)
+            (run or run_here)(GenerateTask(plan, out, needs_gl), list(schedule.todo), schedule.done)
         if share != (0, 1):
             return {}
         return finish(plan, out, {"making": schedule.made - began, "writing": time.perf_counter() - schedule.made})
@@ -307,12 +311,12 @@ def _faults(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) 
     A mesh that is not what its clouds were made of is a DatasetError.
     """
     found = {name: f"{out / name} is missing or damaged, and is made again" for name in damaged(out, manifest)}
-    made = {key: Origin.from_document(document) for key, document in manifest.get("origins", {}).items()}
+    made = {key: MeshSource.from_dict(document) for key, document in manifest.get("origins", {}).items()}
     check_origins(plan.meshes, made, out)
     for entry in plan.meshes:
         if (tried := manifest.get("tries", {}).get(entry.key)) is not None:
             given_up = None if tried["limits"] is None else Limits(*tried["limits"])
-            if worth_another_try(entry, Origin.from_document(tried["origin"]), given_up, limits):
+            if should_retry(entry, MeshSource.from_dict(tried["origin"]), given_up, limits):
                 found[entry.key] = f"{entry.key}, which failed, is tried again"
     return found
 
@@ -326,7 +330,7 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
         A group is not done, a mesh has changed since it was used, or no mesh has a cloud.
     """
     began, module = time.perf_counter(), find_format(plan.format).load()
-    whole = Outcome.of_all(plan.fingerprint, list(read_groups(plan, out)), {})
+    whole = BatchReport.of_all(plan.fingerprint, list(read_groups(plan, out)), {})
     check_origins(plan.meshes, whole.made, out)
     if not any(whole.n_clouds.values()):
         raise DatasetError(_nothing_made(plan, whole))
@@ -337,7 +341,7 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
     shown = {split: of_split[:SHOWN] for split, of_split in names.items()}
     write_contact_sheet(out / CONTACT_SHEET, module.read(out, plan, shown))
     document = {
-        **summed_up(plan, whole, {**seconds, "finishing": time.perf_counter() - began}),
+        **build_manifest(plan, whole, {**seconds, "finishing": time.perf_counter() - began}),
         "files": names,
         "sha256": (sha256 := checksums(out, known, known)),
         "bytes": sizes(out, sha256),
@@ -348,7 +352,7 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
     return document
 
 
-def _nothing_made(plan: Plan, whole: Outcome) -> str:
+def _nothing_made(plan: Plan, whole: BatchReport) -> str:
     """Say why there is no cloud, and what to do."""
     setup = plan.recipe.setup
     if whole.failures:
@@ -359,7 +363,7 @@ def _nothing_made(plan: Plan, whole: Outcome) -> str:
     return f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: {why}"
 
 
-def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[str, Any]:
+def build_manifest(plan: Plan, whole: BatchReport, seconds: Mapping[str, float]) -> dict[str, Any]:
     """Return the manifest, but for what it says of files; `seconds` are of the steps of this run.
 
     ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
@@ -377,7 +381,7 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
         "options": plan.document["recipe"],
         "versions": versions(),
         "renderer": ", ".join(whole.renderers) or "none",
-        "renderer_remark": next(filter(None, map(fallen_to_software, whole.renderers)), ""),
+        "renderer_remark": next(filter(None, map(explain_software_fallback, whole.renderers)), ""),
         "classes": plan.classes,
         **frame_in_words(plan),
         "counts": {
@@ -399,17 +403,17 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
         "failures": dict(whole.failures),
         "tries": {
             key: {
-                "origin": whole.origins[key].document,
-                "limits": whole.given_up[key].document if key in whole.given_up else None,
+                "origin": whole.origins[key].to_dict(),
+                "limits": whole.given_up[key].to_dict() if key in whole.given_up else None,
             }
             for key in whole.failures
         },
         "blank_views": {key: blank._asdict() for key, blank in whole.blank.items()},
         "left_out": {key: blank.said for key, blank in whole.blank.items() if blank.n_views == plan.clouds_per_mesh},
         "cut_by_range": counts.cut,
-        "origins": {key: origin.document for key, origin in whole.made.items()},
+        "origins": {key: origin.to_dict() for key, origin in whole.made.items()},
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
-        "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
+        "rounding": 0.5 / QUANT_LEVELS if find_format(plan.format).keeps_points else 0.0,
         "error": counts.error,
         "stacked": counts.stacked,
         "seconds": {
@@ -424,7 +428,7 @@ def progress_of(plan: Plan, out: Path) -> dict[str, Any]:
     if find_format(plan.format).exported_from:
         return progress_of(stored_plan(plan), out / STORED)
     n_batches = n_groups = 0
-    found, again = list[Outcome](), dict[str, str]()
+    found, again = list[BatchReport](), dict[str, str]()
     for number, batches in enumerate(plan.batches_of):
         group, fault = read_outcome(plan, group_path(out, number))
         if group is not None:
@@ -438,7 +442,7 @@ def progress_of(plan: Plan, out: Path) -> dict[str, Any]:
             if batch is not None:
                 n_batches += 1
                 found.append(batch)
-    whole = Outcome.of_all(plan.fingerprint, found, {})
+    whole = BatchReport.of_all(plan.fingerprint, found, {})
     return {
         "batches_done": n_batches,
         "groups_done": n_groups,

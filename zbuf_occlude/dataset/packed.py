@@ -12,7 +12,7 @@ Each file is a ZIP archive; any language reads it. For mesh 17 of the plan and i
     000017/2.visible    for each view of the plan a row of bits, one per point
     000017/2.scans      of scans instead of 2.visible: their points, not rounded (`pack_scans`);
                         all else is then of the object as it stood before the sensor, in metres
-    000017/2.normals    with `Recipe.attributes`: unit normals, as the faces are wound, three floats each
+    000017/2.normals    with `DatasetConfig.attributes`: unit normals, as the faces are wound, three floats each
     000017/2.colors     likewise: red, green, blue
 
 The views are those of plan.json, about `centre` at multiples of `longest_side`. Visibility was computed for
@@ -47,8 +47,8 @@ from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.pipeline import Sampling, standing_points
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, ScanPoints, colors_of, gather_clouds, record_type
-from zbuf_occlude.dataset.source import KeptSampling, Source
-from zbuf_occlude.errors import DatasetError, check_word
+from zbuf_occlude.dataset.source import CloudReader, StoredSampling
+from zbuf_occlude.errors import DatasetError, check_choice
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.meshes.collection import SPLITS
@@ -57,7 +57,7 @@ from zbuf_occlude.views import Views
 
 OPEN_FILES, KEPT_BLOCKS = 16, 4
 """Files held open, and blocks held unpacked, by one reader in one process."""
-STEPS = 2**16 - 1
+QUANT_LEVELS = 2**16 - 1
 """An object's longest side is this many steps long; positions are rounded to whole steps."""
 
 
@@ -66,25 +66,25 @@ def archive_name(batch: int) -> str:
     return f"packed-{batch:06d}.zip"
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds as `generate` would draw them, in the order in which it would write them."""
     return PackedFiles(plan, out, files).source()
 
 
-class Grid(NamedTuple):
+class Quantizer(NamedTuple):
     """Where rounded positions lie: ``low + step * q`` (world space) for the integers q in 0..65535."""
 
     low: FloatArray
     step: float
 
     @classmethod
-    def of_box(cls, bounds: FloatArray) -> "Grid":
-        """Return the grid of an object's box, (2, 3): its longest side is `STEPS` steps."""
-        return cls(bounds[0], float(np.ptp(bounds, axis=0).max()) / STEPS)
+    def of_box(cls, bounds: FloatArray) -> "Quantizer":
+        """Return the grid of an object's box, (2, 3): its longest side is `QUANT_LEVELS` steps."""
+        return cls(bounds[0], float(np.ptp(bounds, axis=0).max()) / QUANT_LEVELS)
 
-    def rounded(self, positions: FloatArray) -> NDArray[np.uint16]:
+    def quantize(self, positions: FloatArray) -> NDArray[np.uint16]:
         """Round positions (n, 3) in the box to steps."""
-        return np.clip(np.round((positions - self.low) / self.step), 0, STEPS).astype(np.uint16)
+        return np.clip(np.round((positions - self.low) / self.step), 0, QUANT_LEVELS).astype(np.uint16)
 
     def positions(self, rounded: NDArray[Any]) -> FloatArray:
         """Return the positions (n, 3) of steps, world space."""
@@ -198,7 +198,7 @@ class Archive:
             kind = "scans"
             samples = [standing_points(mesh, entry.label, recipe, entry.key, i) for i in range(len(kept))]
             mesh, _ = in_metres(mesh, entry.label, recipe.setup)
-        grid = Grid.of_box(mesh.bounds)
+        grid = Quantizer.of_box(mesh.bounds)
         facts = {
             "key": entry.key,
             "label": entry.label,
@@ -213,7 +213,7 @@ class Archive:
         self._members.append((f"{mesh_id:06d}/mesh.json", json.dumps(facts).encode()))
         for variation, (points, (_, seen, _)) in enumerate(zip(samples, kept, strict=True)):
             name = f"{mesh_id:06d}/{variation}"
-            self._members.append((f"{name}.steps", pack_integers(grid.rounded(points.positions))))
+            self._members.append((f"{name}.steps", pack_integers(grid.quantize(points.positions))))
             self._members.append((f"{name}.faces", pack_integers(points.face_ids)))
             self._members.append((f"{name}.{kind}", seen))
             if "normals" in recipe.attributes:
@@ -276,7 +276,7 @@ class PackedFiles:
         self.__dict__.update(state)
         self._forget()
 
-    def block(self, index: int) -> KeptSampling:
+    def block(self, index: int) -> StoredSampling:
         """Unpack a block; the last few are kept."""
         if self._process != os.getpid():  # a file opened before a fork would be read at the other's position
             self._forget()
@@ -296,7 +296,7 @@ class PackedFiles:
         """Return the block of each cloud."""
         return np.searchsorted(self._ends, numbers, side="right")
 
-    def source(self) -> Source:
+    def source(self) -> CloudReader:
         """Return the clouds, and the whole surfaces, as `generate` would draw them and write them into files."""
         ids = self.ids
         files, rows = self.plan.places(ids["mesh_id"], ids["variation"], ids["view_id"])
@@ -306,9 +306,11 @@ class PackedFiles:
         present = [split for split in SPLITS if (split_of == split).any()]
         order = {split: numbers[split_of == split] for split in present}
         sizes = {split: n_clouds[split_of_file == split].tolist() for split in present}
-        return Source(self.plan, order, self.take, self.blocks_of, self.complete, self._block_of, sizes, lambda: ids)
+        return CloudReader(
+            self.plan, order, self.take, self.blocks_of, self.complete, self._block_of, sizes, lambda: ids
+        )
 
-    def _block_of(self, mesh_id: int, variation: int) -> KeptSampling:
+    def _block_of(self, mesh_id: int, variation: int) -> StoredSampling:
         return self.block(self.blocks.index((mesh_id, variation)))
 
     def take(self, numbers: Numbers) -> Records:
@@ -335,7 +337,7 @@ class PackedFiles:
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
-    def _unpack(self, index: int) -> KeptSampling:
+    def _unpack(self, index: int) -> StoredSampling:
         mesh_id, variation = self.blocks[index]
         facts, path, recipe = self._facts[mesh_id], self._path_of[mesh_id], self.plan.recipe
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
@@ -345,7 +347,7 @@ class PackedFiles:
             more = {kind: archive.read(f"{name}.{kind}") for kind in recipe.attributes}
             scans = None if recipe.setup is None else unpack_scans(archive.read(f"{name}.scans"))
             bits = archive.read(f"{name}.visible") if scans is None else b""
-        positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(
+        positions = Quantizer(np.asarray(facts["low"]), facts["step"]).positions(
             unpack_integers(steps, "<u2", (n_points, 3), "steps")
         )
         normals, colors = np.zeros_like(positions), None
@@ -357,20 +359,20 @@ class PackedFiles:
         face_ids = unpack_integers(faces, "<i4", (n_points,), "face ids")
         if scans is not None:
             size = {"size": np.array([facts["longest_side"]])}
-            return KeptSampling(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
+            return StoredSampling(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
         points = SurfacePoints(positions, face_ids, normals, colors)
         mask = unpack_mask(bits, len(self.plan.views), n_points)
         views = self.plan.views_of(self.plan.meshes[mesh_id].key)
-        return KeptSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
+        return StoredSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
 
     def _forget(self) -> None:
         self._process = os.getpid()
         self._archive = lru_cache(OPEN_FILES)(zipfile.ZipFile)
         # no lru_cache of a method: in a cycle with this object, files would stay open until garbage is collected
-        self._unpacked: OrderedDict[int, KeptSampling] = OrderedDict()
+        self._unpacked: OrderedDict[int, StoredSampling] = OrderedDict()
 
 
-def _everything(block: KeptSampling) -> BoolArray:
+def _everything(block: StoredSampling) -> BoolArray:
     """A mask of the whole surface for each view."""
     return np.ones((len(block.mask), len(block.whole)), dtype=bool)
 
@@ -442,7 +444,7 @@ class PackedDataset(Sequence[PackedCloud]):
             raise DatasetError(f"{folder} must be in the format packed; it is in {plan.format}.")
         files = manifest["files"]
         if split is not None:
-            check_word("split", split, files)
+            check_choice("split", split, files)
         self.archives = PackedFiles(plan, Path(folder), files)
         splits = np.array([entry.split for entry in plan.meshes])[self.archives.ids["mesh_id"]]
         self.numbers: Numbers = np.flatnonzero(splits == split) if split else np.arange(len(splits))

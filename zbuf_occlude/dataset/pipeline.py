@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, Counts, WorstView
-from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
+from zbuf_occlude.dataset.counts import BAD_VIEW, FEW, QualityCounts, WorstView
+from zbuf_occlude.dataset.plan import BOXES, DatasetConfig, Plan
 from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.far_faces import far_faces
@@ -25,7 +25,7 @@ from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captur
 from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import Scan
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, cure_of
@@ -59,7 +59,7 @@ class Sampling(NamedTuple):
     points: SurfacePoints  # n; of scans those of all views, one after the other
     mask: BoolArray  # (k, n): points that each view sees
     views: Views  # k, world units
-    counts: Counts  # of its clouds, and of what was asked again of the oracle
+    counts: QualityCounts  # of its clouds, and of what was asked again of the oracle
     renderer: str  # "none" without OpenGL
     blank: Mapping[int, str] = MappingProxyType({})  # views without a cloud, and why
 
@@ -75,7 +75,7 @@ def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Samplin
     return _occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
 
 
-def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
+def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
     views = views.around(mesh.centre, mesh.longest_side)
     with ExitStack() as stack:
         occluder, renderer = None, "none"
@@ -85,7 +85,7 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
             occluder.warns = False  # the manifest counts them
             renderer = occluder.renderer
         for variation in range(recipe.variations):
-            points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), Counts()
+            points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), QualityCounts()
             if occluder is None:
                 mask = np.ones((len(views), len(points)), dtype=bool)
             else:
@@ -93,12 +93,12 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
-                    from zbuf_occlude.dataset.stacked import count_stacked  # late: takes numba
+                    from zbuf_occlude.dataset.stacked import count_coincident_surfaces  # late: takes numba
 
-                    counts += count_stacked(mesh, points, occluder.tolerance, key)
-                    counts += Counts(n_inside=int(mesh.in_box(views.eyes).sum()))
+                    counts += count_coincident_surfaces(mesh, points, occluder.tolerance, key)
+                    counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
             if views.windows is not None:
-                mask = mask & views.shows(points.positions)
+                mask = mask & views.in_frustum(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
             n_distinct, blank = n_visible.copy(), dict[int, str]()
             for view in np.flatnonzero(n_visible < FEW).tolist():
@@ -109,9 +109,9 @@ def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_chec
             yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, recipe), renderer, blank)
 
 
-def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: Recipe) -> Counts:
+def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: DatasetConfig) -> QualityCounts:
     """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more."""
-    return Counts(
+    return QualityCounts(
         n_clouds=int((n_visible > 0).sum()),
         n_blind_views=int((n_visible == 0).sum()),
         n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
@@ -125,7 +125,7 @@ def count_distinct(positions: FloatArray) -> int:
     return first if first >= FEW or len(positions) <= 4 * FEW else len(np.unique(positions, axis=0))
 
 
-def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
+def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:
     """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
 
     The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory,
@@ -140,18 +140,18 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
     return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
 
 
-def count_mesh(mesh: Mesh, recipe: Recipe) -> Counts:
+def count_mesh(mesh: Mesh, recipe: DatasetConfig) -> QualityCounts:
     """Count what cleaning dropped, far faces, and whether wanted colours or windows are lacking; the log says which."""
     lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
     shares = {} if recipe.setup is None else recipe.setup.transparent
-    opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).passing.any())
+    opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).transmittance.any())
     keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
     far = far_faces(mesh) if keeps_contact else None
     if far is not None:
         _LOG.warning("%s. %s", far.said(mesh), cure_of(far, mesh))
-    return Counts(
+    return QualityCounts(
         faces_dropped=mesh.dropped,
         n_without_colors=int(lacking),
         n_without_windows=int(opaque),
@@ -167,7 +167,7 @@ def check(
     rng: np.random.Generator,
     n_checked: int,
     place: WorstView,
-) -> Counts:
+) -> QualityCounts:
     """Ask the oracle about a random few of the answers and count where they differ, view by view.
 
     One view at least, and as many as have `CHECKED_POINTS` points each; `place` names mesh and variation.
@@ -182,7 +182,7 @@ def check(
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)
     worst = int(shares.argmax())
-    return Counts(
+    return QualityCounts(
         n_checked=truth.size,
         false_visible=int((answer & ~truth).sum()),
         false_hidden=int((~answer & truth).sum()),
@@ -192,10 +192,10 @@ def check(
     )
 
 
-def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterator[Sampling]:
+def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
     """Yield the scans of a mesh; of complete clouds the whole object, nothing is scanned.
 
-    A checked pair (`Counts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
+    A checked pair (`QualityCounts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
     """
     recipe = plan.recipe
     standing, size = in_metres(mesh, label, setup)
@@ -203,7 +203,7 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = _places(mesh, size, floor, setup, plan, key, seeds)
-        raised = Counts(n_raised=n_raised(plan.views_of(key), places, setup))
+        raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, setup))
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)
@@ -222,7 +222,7 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
             facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
             facts |= _boxes(capture, label, recipe)
             scan = capture.scan
-            counts += Counts.of_cut(*capture.cut)
+            counts += QualityCounts.of_cut(*capture.cut)
             n_distinct[number] = count_distinct(scan.positions)
             if n_distinct[number] < 2:
                 sensor = setup.sensor_of(places, number)
@@ -245,11 +245,11 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
         lengths = np.array([len(scan) for scan in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
         counts += count_clouds(lengths, n_distinct, recipe)
-        counts += Counts(n_inside=int(standing.in_box(places.eyes).sum()))
+        counts += QualityCounts(n_inside=int(standing.in_box(places.eyes).sum()))
         yield Sampling(points, mask, places, counts, renderer, blank)
 
 
-def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key: str, seeds: Seeds) -> Views:
+def _places(mesh: Mesh, size: float, floor: float, setup: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
     """Return where the sensor stands about a mesh that is `size` metres long."""
     views = plan.views_of(key)
     if views.rotations is not None:  # cameras of a file, which stand where the mesh is
@@ -269,7 +269,7 @@ def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
     return captured_scenes(standing, setup, places, floor, seeds, plan.pool)
 
 
-def _boxes(capture: Capture, label: str, recipe: Recipe) -> dict[str, Any]:
+def _boxes(capture: Capture, label: str, recipe: DatasetConfig) -> dict[str, Any]:
     """Return the fields of the attribute boxes; `label` is the target's."""
     if BOXES not in recipe.attributes or recipe.setup is None:
         return {}
@@ -279,7 +279,7 @@ def _boxes(capture: Capture, label: str, recipe: Recipe) -> dict[str, Any]:
     return {"boxes": boxes, "picture": picture}
 
 
-def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:
+def standing_points(mesh: Mesh, label: str, recipe: DatasetConfig, key: str, variation: int) -> ScanPoints:
     """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
     assert recipe.setup is not None
     points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
@@ -303,7 +303,7 @@ def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
     return colors
 
 
-def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> Counts:
+def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> QualityCounts:
     """Ask the oracle about a random few of a scan's rays and count where the method errs."""
     scan = capture.scan
     some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
@@ -315,7 +315,7 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within
     share = float((behind | before).mean())
-    return Counts(
+    return QualityCounts(
         n_checked=len(truth),
         false_visible=int(behind.sum()),
         false_hidden=int(before.sum()),

@@ -17,15 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_word
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_choice
 from zbuf_occlude.extras import missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool, surroundings
-from zbuf_occlude.sensors.setup import Setup
-from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
+from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.views import PAPER_DISTANCE, Views, is_random
 from zbuf_occlude.views import parse as parse_views
 
 Numbers = NDArray[np.intp]
@@ -82,7 +82,7 @@ CLASSES_OF = {
 
 
 @dataclass(frozen=True)
-class Recipe:
+class DatasetConfig:
     """Everything that decides the numbers in a dataset, apart from the meshes.
 
     Parameters
@@ -122,7 +122,7 @@ class Recipe:
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
-        The fields of a `zbuf_occlude.sensors.setup.Setup`: a sensor's first hits instead of points on the surface.
+        The fields of a `zbuf_occlude.sensors.setup.ScanConfig`: a sensor's first hits instead of points on the surface.
     overlap : (float, float) or None
         Of two views, for the format pairs: the share of what the one sees that the other sees too, from and to.
     seed : int
@@ -169,13 +169,13 @@ class Recipe:
                 raise OptionError(f"{name} must be positive; got {value}.")
             if value is not None and value > most:
                 raise OptionError(f"{name} must be at most {most:,}; got {value}.")
-        check_word("scale", self.scale, SCALES)
-        check_word("frame", self.frame, FRAMES)
-        check_word("subset", self.subset, SUBSETS)
+        check_choice("scale", self.scale, SCALES)
+        check_choice("frame", self.frame, FRAMES)
+        check_choice("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
         for name in self.attributes:
-            check_word("attribute", name, (*ATTRIBUTES, BOXES))
+            check_choice("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
             raise OptionError(
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
@@ -204,15 +204,14 @@ class Recipe:
         assert self.sample_size is not None  # formats that hold clouds of one size refuse others
         return self.sample_size
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The fields as plain data; `overlap` only where there is one, as recipes were written before it."""
         return {name: value for name, value in asdict(self).items() if name != "overlap" or value is not None}
 
     @cached_property
-    def setup(self) -> Setup | None:
+    def setup(self) -> ScanConfig | None:
         """How scans are made; None where points are sampled on the surface."""
-        return None if self.scanning is None else Setup(**self.scanning)
+        return None if self.scanning is None else ScanConfig(**self.scanning)
 
 
 class PlannedBatch(NamedTuple):
@@ -238,7 +237,7 @@ class Plan:
     ----------
     meshes : MeshCollection
         In the order in which they are worked on.
-    recipe : Recipe
+    recipe : DatasetConfig
     format : str
         Name of the format or layout of the files.
     views : Views, optional
@@ -247,7 +246,7 @@ class Plan:
     """
 
     meshes: MeshCollection
-    recipe: Recipe
+    recipe: DatasetConfig
     format: str = "hdf5"
     views: Views = None  # type: ignore[assignment]  # set below; every Plan has views
 
@@ -267,7 +266,7 @@ class Plan:
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
-        differ = self.recipe.farthest is not None or is_drawn(self.recipe.views)
+        differ = self.recipe.farthest is not None or is_random(self.recipe.views)
         return self.recipe.make_views(key) if differ else self.views
 
     @property
@@ -307,7 +306,7 @@ class Plan:
         if setup is None or not self._is_of_whole_scans:
             return CLOUDS_PER_FILE
         sizes = self.views.sizes
-        n_rays = len(setup.made_sensor.rays()) if sizes is None else int(sizes.prod(axis=1).max())
+        n_rays = len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
         return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // n_rays))
 
     @cached_property
@@ -411,7 +410,7 @@ class Plan:
         """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
         full = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
         return {
-            "recipe": self.recipe.document,
+            "recipe": self.recipe.to_dict(),
             "format": self.format,
             "views": self.views.table.tolist(),
             "classes": self.classes,
@@ -424,14 +423,14 @@ class Plan:
         }
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> "Plan":
+    def from_dict(cls, document: Mapping[str, Any]) -> "Plan":
         """Read a plan back from its document, without its meshes: enough to read, count and check, not to generate."""
         entries = [
             MeshEntry(key, label, split, partial(_not_loadable, key), None, *frame)
             for key, label, split, *frame in document["meshes"]
         ]
         views = Views.from_table(document["views"])
-        plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
+        plan = cls(MeshCollection(entries), DatasetConfig(**document["recipe"]), document["format"], views)
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
         plan.__dict__["document"] = stored  # its identity, whatever a later version would write
         plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]

@@ -18,9 +18,9 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import LONGEST, Exported
 from zbuf_occlude.dataset.folder import list_of
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.records import further_fields
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.geometry.cloud import RGB, columns_of
 
 TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
@@ -100,7 +100,7 @@ def write_pcd_columns(
     atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=synced)
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write a PLY per cloud, and for each split the list of its files."""
     files = dict[str, list[str]]()
     for split in source.order:
@@ -123,7 +123,7 @@ def _name(plan: Plan, record: Any) -> str:
     return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
 
 
-def _write_cloud(path: Path, record: Any, recipe: Recipe) -> None:
+def _write_cloud(path: Path, record: Any, recipe: DatasetConfig) -> None:
     fields = further_fields(recipe)
     single = [(name, kind) for name, (kind, shape) in fields.items() if not shape]
     split = [(part, fields[name][0]) for name, parts in PROPERTIES.items() if name in fields for part in parts]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.dataset.plan import BOXES, Recipe
+from zbuf_occlude.dataset.plan import BOXES, DatasetConfig
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import njit
@@ -65,7 +65,7 @@ class ScanPoints(SurfacePoints):
     facts: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
-def record_type(recipe: Recipe) -> np.dtype[Any]:
+def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
     """Return what is kept of one cloud; the fields become the datasets of the HDF5 file.
 
     data : (sample_size, 3) float32, ``(p - centre) * factor`` for the visible points p in the chosen frame
@@ -78,14 +78,14 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     n_visible : int32, visible points before the subset was drawn
     visible_fraction : float32, of the object's points; of a scan what others do not hide of the object
 
-    With attributes (`Recipe.attributes`), a row per point,
+    With attributes (`DatasetConfig.attributes`), a row per point,
 
     normal : float32, unit normal of the point's face in the frame of the positions, turned towards the camera, or as
         the face is wound where hidden points are kept too
     color : uint8, red, green and blue, sRGB
 
-    Of scans (`Recipe.scanning`), positions are metres and the world's origin is the middle of the object's box; besides
-    there are (unless complete) `SCAN_FIELDS`, a row per point, and
+    Of scans (`DatasetConfig.scanning`), positions are metres and the world's origin is the middle of the object's box;
+    besides there are (unless complete) `SCAN_FIELDS`, a row per point, and
 
     size : float64, metres of the object's longest side
     hidden : float32, share of the object that others hide; hidden_reached : int32, 1 where it is as was asked for, or
@@ -123,17 +123,17 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     )
 
 
-def point_fields(recipe: Recipe) -> Fields:
+def point_fields(recipe: DatasetConfig) -> Fields:
     """Return the fields of a record that have a row per point."""
     return {"data": ("<f4", (3,)), "face_ids": ("<i4", ()), **further_fields(recipe)}
 
 
-def further_fields(recipe: Recipe) -> Fields:
+def further_fields(recipe: DatasetConfig) -> Fields:
     """Return the fields of a record besides data and face_ids that have a row per point."""
     of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
     if recipe.setup is None or recipe.complete:
         return of_attributes
-    one_return = recipe.setup.made_sensor.imperfections.returns != "all"
+    one_return = recipe.setup.sensor_model.imperfections.returns != "all"
     left_out = {"clean_range": not recipe.setup.keep_clean, "time": not recipe.setup.takes_time}
     left_out |= dict.fromkeys(("return_number", "share"), one_return)
     return {name: row for name, row in SCAN_FIELDS.items() if not left_out.get(name)} | of_attributes
@@ -143,7 +143,7 @@ def gather_clouds(
     points: SurfacePoints,
     mask: BoolArray,
     views: Views,
-    recipe: Recipe,
+    recipe: DatasetConfig,
     key: str,
     variation: int,
     *,
@@ -159,7 +159,7 @@ def gather_clouds(
         Visible points of each view.
     views : Views
         k views in world units.
-    recipe : Recipe
+    recipe : DatasetConfig
     key : str
         The mesh's; decides the random subsets together with the seed, `variation` and the view.
     variation : int
@@ -208,10 +208,10 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
     """Return the centre of the whole object, and the factor that makes its longest side 1."""
     if isinstance(points, ScanPoints):  # other things' points may be among them, and much of the object is not
         return np.zeros(3), 1.0 / float(points.facts["size"][0])
-    return fit(points.positions)
+    return unit_box_transform(points.positions)
 
 
-def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: Views, view: int) -> None:
+def _fill_attributes(record: Any, points: SurfacePoints, recipe: DatasetConfig, views: Views, view: int) -> None:
     if "normals" in recipe.attributes:
         normals = points.normals if recipe.complete else points.normals_towards(views.eyes[view])
         turned = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
@@ -220,7 +220,9 @@ def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: 
         record["color"] = colors_of(points)
 
 
-def _fill_scan(record: Any, points: Any, chosen: IntArray, recipe: Recipe, view: int, pose: FloatArray | None) -> None:
+def _fill_scan(
+    record: Any, points: Any, chosen: IntArray, recipe: DatasetConfig, view: int, pose: FloatArray | None
+) -> None:
     for name, (kind, _) in further_fields(recipe).items():
         values = points.columns[name][chosen]
         record[name] = (values @ pose[:3, :3].T if name == "normal" and pose is not None else values).astype(kind)
@@ -252,7 +254,7 @@ def farthest_points(positions: FloatArray, size: int, rng: np.random.Generator) 
     return chosen
 
 
-def fit(positions: FloatArray) -> tuple[FloatArray, float]:
+def unit_box_transform(positions: FloatArray) -> tuple[FloatArray, float]:
     """Return the centre of the bounding box and the factor that makes its longest side 1 (1 for a single place)."""
     columns = np.ascontiguousarray(positions.T)  # along which minima are found a dozen times as fast
     low, high = columns.min(axis=1), columns.max(axis=1)
@@ -260,7 +262,7 @@ def fit(positions: FloatArray) -> tuple[FloatArray, float]:
     return (low + high) / 2.0, 1.0 / longest if longest > 0 else 1.0
 
 
-def laid_out(records: Records, recipe: Recipe) -> dict[str, NDArray[Any]]:
+def to_arrays(records: Records, recipe: DatasetConfig) -> dict[str, NDArray[Any]]:
     """Return the arrays that a file holds: a field each; of ragged clouds all points in a row, and `OFFSETS`.
 
     Fields are where the records have them, not side by side in memory: so nothing is there twice.
@@ -273,8 +275,8 @@ def laid_out(records: Records, recipe: Recipe) -> dict[str, NDArray[Any]]:
     return {**fields, OFFSETS: np.cumsum([0, *map(len, records["data"])], dtype=np.int64)}
 
 
-def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:
-    """Return the records of some rows of what `laid_out` returned, in NumPy's arrays or HDF5's.
+def read_rows(arrays: Any, rows: ArrayLike, recipe: DatasetConfig) -> Records:
+    """Return the records of some rows of what `to_arrays` returned, in NumPy's arrays or HDF5's.
 
     Offsets that do not fit the points are a ValueError.
     """
@@ -299,14 +301,14 @@ def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:
     return records[back]
 
 
-def read_archive(file: Any, recipe: Recipe) -> Records:
-    """Return the records in a NumPy archive of what `laid_out` returned."""
+def read_archive(file: Any, recipe: DatasetConfig) -> Records:
+    """Return the records in a NumPy archive of what `to_arrays` returned."""
     with np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}  # each time that one is named, it is read
-        return taken(arrays, np.arange(len(arrays["label"])), recipe)
+        return read_rows(arrays, np.arange(len(arrays["label"])), recipe)
 
 
-def resized(positions: NDArray[Any], n_points: int) -> NDArray[Any]:
+def pad_or_truncate(positions: NDArray[Any], n_points: int) -> NDArray[Any]:
     """Return the first `n_points` of a cloud's points, whose order is random; of fewer all, and some again."""
     return np.asarray(positions[np.arange(n_points) % len(positions)])
 

@@ -14,7 +14,7 @@ import numpy as np
 from zbuf_occlude.dataset.batch import make_batch, make_mesh, new_store
 from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.packed import Archive
-from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
+from zbuf_occlude.dataset.plan import BOXES, DatasetConfig, Plan
 from zbuf_occlude.dataset.records import record_type
 from zbuf_occlude.errors import ArgumentError, GlError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
@@ -24,7 +24,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.visibility import find_method, prepare
 
 OPEN_GROUPS = 2
@@ -32,12 +32,12 @@ OPEN_GROUPS = 2
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
 N_FUNCTIONS = {"depth_buffer": 59, "exact": 163, "exact-scans": 253}
-"""About how many functions `compile_ahead` compiles for a job of each kind, where nothing is compiled yet."""
+"""About how many functions `warm_up_jit` compiles for a job of each kind, where nothing is compiled yet."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
 
 @contextmanager
-def _context_for(recipe: Recipe) -> Iterator[Any]:
+def _context_for(recipe: DatasetConfig) -> Iterator[Any]:
     """Open the GL context that a method needs, or none."""
     if not find_method(recipe.method).needs_gl:
         yield None
@@ -48,7 +48,7 @@ def _context_for(recipe: Recipe) -> Iterator[Any]:
         yield gl
 
 
-def rehearse(recipe: Recipe, require_gpu: bool) -> None:
+def smoke_test(recipe: DatasetConfig, require_gpu: bool) -> None:
     """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
 
     Raises what any mesh would have met: OptionError, UnavailableError, GlError. With `require_gpu` a software renderer
@@ -65,29 +65,29 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
             occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
-def is_plain(recipe: Recipe) -> bool:
+def needs_no_check(recipe: DatasetConfig) -> bool:
     """Whether nothing of the method can be wrong or missing here: no option, no OpenGL, no further package."""
     row = find_method(recipe.method)
     return not (row.needs_gl or row.extra or recipe.method_options)
 
 
-def was_rehearsed(recipe: Recipe) -> bool:
+def is_warm(recipe: DatasetConfig) -> bool:
     """Whether all that a job of this kind calls is compiled."""
     return compiler.compiled_before(_kind(recipe))
 
 
-def n_functions(recipe: Recipe) -> int | None:
-    """Return about how many functions `compile_ahead` compiles for a recipe; None where that was not counted."""
+def n_functions(recipe: DatasetConfig) -> int | None:
+    """Return about how many functions `warm_up_jit` compiles for a recipe; None where that was not counted."""
     return N_FUNCTIONS.get(_kind(recipe))
 
 
-def compile_ahead(recipe: Recipe) -> None:
+def warm_up_jit(recipe: DatasetConfig) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
-        setup = Setup(make("hdl-64e").document, size="file", method=recipe.method, **whole)
-        small = replace(small, scanning=setup.document)
+        setup = ScanConfig(make("hdl-64e").to_dict(), size="file", method=recipe.method, **whole)
+        small = replace(small, scanning=setup.to_dict())
     with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
@@ -103,7 +103,7 @@ def compile_ahead(recipe: Recipe) -> None:
     compiler.note_compiled(_kind(recipe))
 
 
-def _kind(recipe: Recipe) -> str:
+def _kind(recipe: DatasetConfig) -> str:
     """Return the method's name; scans cast rays, which other functions do, and boxes draw a picture."""
     if recipe.setup is None:
         return recipe.method

@@ -13,14 +13,14 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import PACKED, find_format
-from zbuf_occlude.dataset.plan import Numbers, Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 
-class KeptSampling(NamedTuple):
+class StoredSampling(NamedTuple):
     """One sampling of one mesh, or its scans and a sampling, as they are kept.
 
     `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
@@ -34,7 +34,7 @@ class KeptSampling(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class CloudReader:
     """The clouds of a dataset, wherever they are kept. Each has a number."""
 
     plan: Plan
@@ -47,7 +47,7 @@ class Source:
     complete: Callable[[int, int], Any] | None = None
     """Returns a record of an object's whole surface, from its mesh's index and a number of points; None where only the
     points drawn are kept."""
-    block: Callable[[int, int], KeptSampling] | None = None
+    block: Callable[[int, int], StoredSampling] | None = None
     """Returns a sampling, from its mesh's index and variation; where `complete` is."""
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
     """How many clouds each file has that is written of them; `Plan.clouds_per_file` where nothing is said."""
@@ -77,7 +77,7 @@ class Source:
             yield self.take(numbers[start : start + size])
 
 
-def open_dataset(folder: Path, recipe: Recipe | None = None) -> Source:
+def open_dataset(folder: Path, recipe: DatasetConfig | None = None) -> CloudReader:
     """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError.
 
     Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change.
@@ -92,7 +92,7 @@ def open_dataset(folder: Path, recipe: Recipe | None = None) -> Source:
             f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
             f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
         )
-    source: Source = row.load().read(folder, plan, manifest["files"])
+    source: CloudReader = row.load().read(folder, plan, manifest["files"])
     if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
         raise DatasetError(
             f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"
@@ -114,7 +114,7 @@ def source_of_files(
     load: Callable[[Path, Numbers], Records],
     *,
     read_ids: Callable[[Path], NDArray[Any]] | None = None,
-) -> Source:
+) -> CloudReader:
     """Return a source over files of a folder, by split, that hold records; one that cannot be read is a DatasetError.
 
     `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
@@ -153,4 +153,6 @@ def source_of_files(
         return found
 
     n_files = iter(sizes)
-    return Source(plan, order, take, sizes={split: [next(n_files) for _ in files[split]] for split in files}, ids=ids)
+    return CloudReader(
+        plan, order, take, sizes={split: [next(n_files) for _ in files[split]] for split in files}, ids=ids
+    )

@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.pipeline import samplings
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Records, gather_clouds
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
@@ -50,7 +50,7 @@ class FileVerdict(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Verifying:
+class VerifyTask:
     """The task of verifying a dataset: a job is the name of a file, its checksum and then its clouds.
 
     `files` by split and `sha256` are as in the manifest; of an export `files` is empty.
@@ -80,7 +80,7 @@ class Verifying:
 
     def _read(self, files: Mapping[str, list[str]]) -> FileVerdict:
         """Read every cloud of a file; note what cannot be a cloud of this dataset."""
-        source: Source = find_format(self.plan.format).load().read(self.out, self.plan, files)
+        source: CloudReader = find_format(self.plan.format).load().read(self.out, self.plan, files)
         faults, n_clouds = [], Counter[str]()
         for split in source.order:
             for records in source.batches(split, in_any_order=True):
@@ -129,7 +129,7 @@ def verify(
     plan, manifest = read_finished(out)
     row, n_expected = find_format(plan.format), manifest["counts"]["clouds_by_split"]
     files = {} if row.exported_from else manifest["files"]
-    task, found = Verifying(plan, out, files, manifest["sha256"]), dict[str, FileVerdict]()
+    task, found = VerifyTask(plan, out, files, manifest["sha256"]), dict[str, FileVerdict]()
 
     def done(job: str, result: FileVerdict) -> tuple[str, ...]:
         found[job] = result

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import as_vectors
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.errors import printable
+from zbuf_occlude.errors import escape_control
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ class Table:
 
     def as_markdown(self, *, aligned: bool = False) -> str:
         """Return the table as Markdown, its title a heading; `aligned` columns also line up as plain text."""
-        cells = [[printable(cell).replace("|", "\\|") for cell in row] for row in (self.header, *self.rows)]
+        cells = [[escape_control(cell).replace("|", "\\|") for cell in row] for row in (self.header, *self.rows)]
         widths = [max(map(len, column)) if aligned else 4 for column in zip(*cells, strict=True)]
         rule = ["-" * (width - 1) + ("-" if i in self.texts else ":") for i, width in enumerate(widths)]
         if aligned:
@@ -69,12 +69,12 @@ def verbatim(name: str) -> str:
 
     What could be is written as character references, which no dialect of Markdown takes for markup.
     """
-    return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(printable(name), quote=False))
+    return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(escape_control(name), quote=False))
 
 
 def marked_up(text: str) -> str:
     """Turn backticks and double asterisks into HTML; everything else is escaped, but for what `verbatim` wrote."""
-    text = _REFERENCE.sub(r"&\1;", html.escape(printable(text)))
+    text = _REFERENCE.sub(r"&\1;", html.escape(escape_control(text)))
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
     return re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text)
 

@@ -8,14 +8,24 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
+from zbuf_occlude.exact.layout import F32_MAX, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, indices_of, new_cells, place_along_curve
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import is_flat
-from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import greater, item, load, minimum, number, numbers3, put_item, splat, store
-from zbuf_occlude.jit.threads import n_blocks, shared, take, take_block, together
+from zbuf_occlude.jit.simd import (
+    greater,
+    load,
+    load_scalar,
+    load_scalar3,
+    load_unchecked,
+    minimum,
+    splat,
+    store,
+    store_unchecked,
+)
+from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel, take_block
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 WEAK_NORMAL = 1e-6
@@ -101,28 +111,28 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         world_contact=contact,
     )
     bvh.rows[left_out] = bvh.rows[-1] = -1
-    together(_fill_runs, n_blocks(n_runs, THREAD_RUNS), bvh, order, n_short, leaf_boxes, own=_new_scratch)
+    parallel_for(_fill_runs, n_blocks(n_runs, THREAD_RUNS), bvh, order, n_short, leaf_boxes, own=_new_scratch)
     boxes, children, n_children, depth = _grow(leaf_boxes)
     return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
 
 
-@inlined
+@always_inline
 def corners_of(bvh, face):
     """Corners of a face, world space."""
     a, b, c = bvh.faces[face, 0], bvh.faces[face, 1], bvh.faces[face, 2]
     return _vertex(bvh, a), _vertex(bvh, b), _vertex(bvh, c)
 
 
-@inlined
+@always_inline
 def _vertex(bvh, i):
     return bvh.vertices[i, 0], bvh.vertices[i, 1], bvh.vertices[i, 2]
 
 
-@inlined
+@always_inline
 def _corner(vertices, faces, i):
     """Corner i of all faces' one after the other."""
-    at = 3 * np.int64(item(faces, i))
-    return item(vertices, at), item(vertices, at + 1), item(vertices, at + 2)
+    at = 3 * np.int64(load_unchecked(faces, i))
+    return load_unchecked(vertices, at), load_unchecked(vertices, at + 1), load_unchecked(vertices, at + 2)
 
 
 def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
@@ -131,14 +141,14 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
-    together(_measure_faces, n_blocks(n_faces, THREAD), *measured, own=new_cells)
+    parallel_for(_measure_faces, n_blocks(n_faces, THREAD), *measured, own=new_cells)
     keys.sort()
     kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
     n_short, n = np.searchsorted(keys, kinds)
     return indices_of(keys, index_bits), int(n_short), int(n)
 
 
-@shared
+@parallel_kernel
 def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
     """Give each face the key that sorts it: what kind it is, its centre's place along the curve, its number."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
@@ -165,7 +175,7 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
 # Rows: a box in a vector of 16, so that boxes are joined by one minimum
 
 
-@inlined
+@always_inline
 def _put_row(rows, i, axis, lower, upper):
     """Write what row i has of an axis: the lower bound, the upper one negated; likewise their sum, twice the centre.
 
@@ -176,15 +186,15 @@ def _put_row(rows, i, axis, lower, upper):
     rows[at + CENTRE], rows[at + CENTRE + UPPER] = lower + upper, -lower - upper
 
 
-@inner
+@device_function
 def _half_area(rows, i):
     """Half the area of the box of a row."""
-    lower, upper = numbers3(rows, ROW * i, 1), numbers3(rows, ROW * i + UPPER, 1)
+    lower, upper = load_scalar3(rows, ROW * i, 1), load_scalar3(rows, ROW * i + UPPER, 1)
     x, y, z = lower[0] + upper[0], lower[1] + upper[1], lower[2] + upper[2]  # each is minus a side
     return x * y + y * z + z * x
 
 
-@inner
+@device_function
 def _cheapest(rows, row, sizes, n, areas):
     """Least cost of halving n rows, from one on, of such sizes, and after how many; the last row is scratch."""
     last = len(rows) // ROW - 1
@@ -192,16 +202,16 @@ def _cheapest(rows, row, sizes, n, areas):
     for i in range(n - 1, 0, -1):
         joined = minimum(joined, load(rows, ROW * (row + i)))
         store(rows, ROW * last, joined)
-        put_item(areas, i, _half_area(rows, last))
-        behind += item(sizes, i)
+        store_unchecked(areas, i, _half_area(rows, last))
+        behind += load_unchecked(sizes, i)
     joined, before = load(rows, ROW * row), 0
     least, middle = np.float32(np.inf), 1
     for i in range(1, n):
         joined = minimum(joined, load(rows, ROW * (row + i - 1)))
         store(rows, ROW * last, joined)
-        before += item(sizes, i - 1)
-        cost = _half_area(rows, last) * np.float32(before) + item(areas, i) * np.float32(behind)
-        behind -= item(sizes, i)
+        before += load_unchecked(sizes, i - 1)
+        cost = _half_area(rows, last) * np.float32(before) + load_unchecked(areas, i) * np.float32(behind)
+        behind -= load_unchecked(sizes, i)
         if cost < least:
             least, middle = cost, i
     return least, middle
@@ -247,13 +257,13 @@ def _new_scratch() -> Scratch:
     )
 
 
-@shared
+@parallel_kernel
 def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
     """Make leaves of runs of faces, the short ones first, and fill in what a BVH has of them."""
     bvh_at, scratch_at = reference(bvh), reference(scratch)
     n_runs, n_leaves = (n_short + RUN_FACES - 1) // RUN_FACES, (n_short + LEAF - 1) // LEAF
     while True:
-        run = take(tasks)
+        run = next_task(tasks)
         begin, end, leaf = 0, n_short, 0
         if run >= n_runs:
             run, begin, end, leaf = run - n_runs, n_short, len(order), n_leaves
@@ -268,24 +278,27 @@ def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
             _fill_leaf(bvh_at, LEAF * i, min(LEAF, len(faces) - LEAF * i), leaf + i, leaf_boxes, scratch_at)
 
 
-@inner
+@device_function
 def _read_corners(bvh, faces, scratch):
     """Fill in the corners of a run's faces, in scene space, and the rows of their boxes."""
     corners, x, y, z, scale = scratch.corners, bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
     for i in range(len(faces)):  # apart from what follows, so that the processor waits for many vertices at a time
         for corner in range(3):
-            p, at = _corner(bvh.vertices, bvh.faces, 3 * np.int64(item(faces, i)) + corner), 9 * i + 3 * corner
-            put_item(corners, at, (p[0] - x) * scale)
-            put_item(corners, at + 1, (p[1] - y) * scale)
-            put_item(corners, at + 2, (p[2] - z) * scale)
+            p, at = (
+                _corner(bvh.vertices, bvh.faces, 3 * np.int64(load_unchecked(faces, i)) + corner),
+                9 * i + 3 * corner,
+            )
+            store_unchecked(corners, at, (p[0] - x) * scale)
+            store_unchecked(corners, at + 1, (p[1] - y) * scale)
+            store_unchecked(corners, at + 2, (p[2] - z) * scale)
     for i in range(len(faces)):
         for axis in range(3):
             at = 9 * i + axis
-            a, b, c = item(corners, at), item(corners, at + 3), item(corners, at + 6)
+            a, b, c = load_unchecked(corners, at), load_unchecked(corners, at + 3), load_unchecked(corners, at + 6)
             _put_row(scratch.boxes, i, axis, np.float32(min(a, b, c)), np.float32(max(a, b, c)))
 
 
-@inner
+@device_function
 def _halve_run(n, scratch):
     """Halve segments of the n faces of a run until they are leaves; ``scratch.leaves`` has the leaf of each face."""
     joined = load(scratch.boxes, 0)
@@ -312,28 +325,28 @@ def _halve_run(n, scratch):
         n_segments += 2
 
 
-@inner
+@device_function
 def _sort_along(axis, n, scratch):
     """Sort the n faces of a run by their centres along an axis, to `PLACES` steps; row 0 of groups joins all boxes."""
     boxes, places, counts = scratch.boxes, scratch.places, scratch.counts
-    low, high = number(scratch.groups, CENTRE + axis), -number(scratch.groups, CENTRE + UPPER + axis)
+    low, high = load_scalar(scratch.groups, CENTRE + axis), -load_scalar(scratch.groups, CENTRE + UPPER + axis)
     wide = high - low > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
     scale = np.float32(PLACES * 0.9999) / (high - low) if wide else ZERO
     counts[:] = 0
     for i in range(n):
-        place = np.int64((number(boxes, ROW * i + CENTRE + axis) - low) * scale)
-        put_item(places, i, place)
-        put_item(counts, place + 1, item(counts, place + 1) + 1)
+        place = np.int64((load_scalar(boxes, ROW * i + CENTRE + axis) - low) * scale)
+        store_unchecked(places, i, place)
+        store_unchecked(counts, place + 1, load_unchecked(counts, place + 1) + 1)
     for i in range(PLACES):
         counts[i + 1] += counts[i]
     for i in range(n):
-        place = np.int64(item(places, i))
-        at = np.int64(item(counts, place))
-        put_item(scratch.orders, RUN_FACES * axis + at, i)
-        put_item(counts, place, at + 1)
+        place = np.int64(load_unchecked(places, i))
+        at = np.int64(load_unchecked(counts, place))
+        store_unchecked(scratch.orders, RUN_FACES * axis + at, i)
+        store_unchecked(counts, place, at + 1)
 
 
-@inner
+@device_function
 def _halve(first, last, known, scratch):
     """Divide a segment at its cheapest: return where its second half begins, and along which axis.
 
@@ -352,64 +365,64 @@ def _halve(first, last, known, scratch):
     half *= LEAF
     if max(half, last - first - half) > LEAF:
         for i in range(first, last):
-            put_item(scratch.places, np.int64(item(orders, RUN_FACES * axis + i)), i)
+            store_unchecked(scratch.places, np.int64(load_unchecked(orders, RUN_FACES * axis + i)), i)
         for other in range(3):
             if other != axis:
                 _partition(orders[other, first:last], scratch.places, first + half, scratch.spare)
     return first + half, axis
 
 
-@inner
+@device_function
 def _join_groups(axis, first, last, scratch):
     """Join the boxes of each 16 faces of a segment along an axis."""
     boxes, orders, base = scratch.boxes, scratch.orders, RUN_FACES * axis
     for group in range(base + first, base + last, LEAF):
-        joined = load(boxes, ROW * np.int64(item(orders, group)))
+        joined = load(boxes, ROW * np.int64(load_unchecked(orders, group)))
         for i in range(group + 1, min(group + LEAF, base + last)):
-            joined = minimum(joined, load(boxes, ROW * np.int64(item(orders, i))))
+            joined = minimum(joined, load(boxes, ROW * np.int64(load_unchecked(orders, i))))
         store(scratch.groups, group // LEAF * ROW, joined)
 
 
-@inner
+@device_function
 def _partition(order, places, end, spare):
     """Put what has a place before an end first, else keep the order; return how many these are."""
     n = 0
     for i in range(len(order)):  # without branches, which are hard to predict
-        which = item(order, i)
-        put_item(order, n, which)
-        put_item(spare, i - n, which)
-        n += int(item(places, np.int64(which)) < end)
+        which = load_unchecked(order, i)
+        store_unchecked(order, n, which)
+        store_unchecked(spare, i - n, which)
+        n += int(load_unchecked(places, np.int64(which)) < end)
     for i in range(n, len(order)):
         order[i] = spare[i - n]
     return n
 
 
-@inner
+@device_function
 def _share_out(bvh, faces, leaf, scratch):
     """Give each leaf its faces in the order of the curve: points sorted by face then follow it too."""
     members, counts = scratch.orders, scratch.counts
     counts[: RUN_FACES // LEAF] = 0
     for i in range(len(faces)):
-        mine = np.int64(item(scratch.leaves, i))
-        at = LEAF * mine + np.int64(item(counts, mine))
-        put_item(counts, mine, item(counts, mine) + 1)
-        put_item(members, at, i)
-        put_item(bvh.face_ids, LEAF * leaf + at, faces[i])
-        put_item(bvh.rows, np.int64(faces[i]), LEAF * leaf + at)
+        mine = np.int64(load_unchecked(scratch.leaves, i))
+        at = LEAF * mine + np.int64(load_unchecked(counts, mine))
+        store_unchecked(counts, mine, load_unchecked(counts, mine) + 1)
+        store_unchecked(members, at, i)
+        store_unchecked(bvh.face_ids, LEAF * leaf + at, faces[i])
+        store_unchecked(bvh.rows, np.int64(faces[i]), LEAF * leaf + at)
     for i in range(len(faces), (len(faces) + LEAF - 1) // LEAF * LEAF):
-        put_item(bvh.face_ids, LEAF * leaf + i, -1)
+        store_unchecked(bvh.face_ids, LEAF * leaf + i, -1)
 
 
-@inner
+@device_function
 def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
     """Fill in what a BVH has of a leaf with n of a run's faces, from one on, and its box, rounded outwards."""
     members, lanes = scratch.orders, scratch.lanes
-    joined = load(scratch.boxes, ROW * np.int64(item(members, first)))
+    joined = load(scratch.boxes, ROW * np.int64(load_unchecked(members, first)))
     for lane in range(LEAF):
-        i = np.int64(item(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
+        i = np.int64(load_unchecked(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
         joined = minimum(joined, load(scratch.boxes, ROW * i))
         for k in range(9):
-            put_item(lanes, LEAF * k + lane, item(scratch.corners, 9 * i + k))
+            store_unchecked(lanes, LEAF * k + lane, load_unchecked(scratch.corners, 9 * i + k))
     store(leaf_boxes, ROW * leaf, joined)
     outwards = np.float32(2.0) * ROUNDOFF
     for axis in range(3):
@@ -424,26 +437,34 @@ def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
     bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(scratch.planes, LEAF * 13), splat(ZERO))
 
 
-@inner
+@device_function
 def _fill_planes(lanes, planes):
     """Of the corners of 16 faces: rounded, unit normals and offsets, and whether float64 cannot vouch for a normal."""
     for i in range(LEAF):  # a loop without branches, which the compiler turns into vectors
-        a = item(lanes, i), item(lanes, LEAF + i), item(lanes, 2 * LEAF + i)
-        b = item(lanes, 3 * LEAF + i), item(lanes, 4 * LEAF + i), item(lanes, 5 * LEAF + i)
-        c = item(lanes, 6 * LEAF + i), item(lanes, 7 * LEAF + i), item(lanes, 8 * LEAF + i)
+        a = load_unchecked(lanes, i), load_unchecked(lanes, LEAF + i), load_unchecked(lanes, 2 * LEAF + i)
+        b = (
+            load_unchecked(lanes, 3 * LEAF + i),
+            load_unchecked(lanes, 4 * LEAF + i),
+            load_unchecked(lanes, 5 * LEAF + i),
+        )
+        c = (
+            load_unchecked(lanes, 6 * LEAF + i),
+            load_unchecked(lanes, 7 * LEAF + i),
+            load_unchecked(lanes, 8 * LEAF + i),
+        )
         u, v, w = minus(b, a), minus(c, b), minus(a, c)
         normal = cross(u, minus(c, a))
         length = np.sqrt(dot(normal, normal))
         inverse = 1.0 / length if length > 0.0 else 0.0
         offset = 0.0
         for axis in range(3):
-            put_item(planes, LEAF * axis + i, a[axis])
-            put_item(planes, LEAF * (3 + axis) + i, b[axis])
-            put_item(planes, LEAF * (6 + axis) + i, c[axis])
-            put_item(planes, LEAF * (9 + axis) + i, normal[axis] * inverse)
+            store_unchecked(planes, LEAF * axis + i, a[axis])
+            store_unchecked(planes, LEAF * (3 + axis) + i, b[axis])
+            store_unchecked(planes, LEAF * (6 + axis) + i, c[axis])
+            store_unchecked(planes, LEAF * (9 + axis) + i, normal[axis] * inverse)
             offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
-        put_item(planes, LEAF * 12 + i, offset / 3.0)
-        put_item(planes, LEAF * 13 + i, length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w)))
+        store_unchecked(planes, LEAF * 12 + i, offset / 3.0)
+        store_unchecked(planes, LEAF * 13 + i, length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w)))
 
 
 # Nodes
@@ -508,16 +529,16 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
     return n_nodes
 
 
-@inner
+@device_function
 def _put_part(rows, members, first, last, part, extents):
     """Note the box of a part: that which joins some of the members' rows."""
-    joined = load(rows, ROW * np.int64(item(members, first)))
+    joined = load(rows, ROW * np.int64(load_unchecked(members, first)))
     for i in range(first + 1, last):
-        joined = minimum(joined, load(rows, ROW * np.int64(item(members, i))))
+        joined = minimum(joined, load(rows, ROW * np.int64(load_unchecked(members, i))))
     store(extents, ROW * part, joined)
 
 
-@inner
+@device_function
 def _largest_part(parts, extents, n):
     """Of n parts with more than 16 leaves, the one with the largest box; -1 for none."""
     largest, most = -1, np.float32(-1.0)
@@ -528,7 +549,7 @@ def _largest_part(parts, extents, n):
     return largest
 
 
-@inner
+@device_function
 def _divide(leaf_boxes, leaves, part, other, scratch):
     """Divide a part where its widest axis is cheapest, in two that are not empty; the second becomes part `other`."""
     parts, extents, bins, sizes, areas, places, spare, numbers = scratch
@@ -541,12 +562,12 @@ def _divide(leaf_boxes, leaves, part, other, scratch):
     low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width if width > ZERO else ZERO
     sizes[:] = 0
     for i in range(2 * BINS):
-        store(bins, ROW * i, splat(ENDLESS))
+        store(bins, ROW * i, splat(F32_MAX))
     for i in range(first, last):
-        leaf = np.int64(item(leaves, i))
+        leaf = np.int64(load_unchecked(leaves, i))
         at = ROW * leaf
-        place = np.int64((number(leaf_boxes, at + CENTRE + axis) - low) * scale)
-        put_item(places, leaf, place)
+        place = np.int64((load_scalar(leaf_boxes, at + CENTRE + axis) - low) * scale)
+        store_unchecked(places, leaf, place)
         sizes[place] += 1
         place += BINS * (i & 1)  # in turns, since neighbours often are at one place
         store(bins, ROW * place, minimum(load(bins, ROW * place), load(leaf_boxes, at)))

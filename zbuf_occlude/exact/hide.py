@@ -7,7 +7,7 @@ from zbuf_occlude.exact.layout import (
     CHUNK,
     CONTACT,
     EDGES,
-    ENDLESS,
+    F32_MAX,
     HALF,
     LEAF,
     NORMAL,
@@ -19,7 +19,7 @@ from zbuf_occlude.exact.layout import (
 )
 from zbuf_occlude.exact.single_rays import triple, walk
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.jit.compiler import inlined, inner, merged
+from zbuf_occlude.jit.compiler import always_inline, device_function, inline_ir
 from zbuf_occlude.jit.simd import (
     absolute,
     dot3,
@@ -29,12 +29,12 @@ from zbuf_occlude.jit.simd import (
     load,
     load3,
     load3_wide,
+    load_scalar,
+    load_scalar3,
     load_wide,
     minimum,
     muladd,
     not_less,
-    number,
-    numbers3,
     splat,
 )
 from zbuf_occlude.jit.vec3 import minus
@@ -45,7 +45,7 @@ NEAR_EYE = np.uint8(2)
 """In an answer: to be looked at alone."""
 
 
-@inlined
+@always_inline
 def classify(bvh, points, space, slot, leaf, extent):
     """Test the 16 faces of a leaf against the box of a packet's points.
 
@@ -59,7 +59,7 @@ def classify(bvh, points, space, slot, leaf, extent):
     row, packet = slot * SETUP_ROWS * LEAF, extent.first // PACKET
     cx, hx = splat(HALF * (extent.left + extent.right)), splat(HALF * (extent.right - extent.left))
     cy, hy = splat(HALF * (extent.bottom + extent.top)), splat(HALF * (extent.top - extent.bottom))
-    best, worst = splat(ENDLESS), splat(ENDLESS)
+    best, worst = splat(F32_MAX), splat(F32_MAX)
     for edge in range(3):
         a, b, c = load3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
         middle = muladd(a, cx, muladd(b, cy, c))
@@ -87,7 +87,7 @@ def classify(bvh, points, space, slot, leaf, extent):
     return maybe, False
 
 
-@inlined
+@always_inline
 def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
     """Test a packet's points, those within, against the faces of a mask, one by one; return the mask of the hidden.
 
@@ -107,9 +107,9 @@ def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
         row = base + lane
         p, q, r = _edge_of(space, row, 0), _edge_of(space, row, 1), _edge_of(space, row, 2)
         inside = _inside(x, y, p, q, r)
-        normal = numbers3(space.setups, row + NORMAL * LEAF, LEAF)
-        height = number(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal, ZERO)
-        contact = number(space.setups, row + CONTACT * LEAF)
+        normal = load_scalar3(space.setups, row + NORMAL * LEAF, LEAF)
+        height = load_scalar(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal, ZERO)
+        contact = load_scalar(space.setups, row + CONTACT * LEAF)
         unknown = -((doubtful >> lane) & 1)
         possible = within & not_less(inside, -blur) & (not_less(height + error, contact * least) | unknown)
         possible &= ~equal_wide(points.own, extent.first, np.int32(leaf * LEAF + lane))
@@ -122,7 +122,7 @@ def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
     return hidden
 
 
-@inlined
+@always_inline
 def hide_by_points(bvh, points, view, space, at, within, extent):
     """Test a packet's points, those within, one by one against all faces of a leaf; return the mask of the hidden."""
     leaf, slot = at
@@ -139,9 +139,9 @@ def hide_by_points(bvh, points, view, space, at, within, extent):
         lane = first_lane(within)
         within &= within - 1
         i = extent.first + lane
-        x, y = number(space.image, lane), number(space.image, PACKET + lane)
+        x, y = load_scalar(space.image, lane), load_scalar(space.image, PACKET + lane)
         inside = _inside(x, y, p, q, r)
-        height = offset - dot3(numbers3(points.coordinates, i, width), normal, zero)
+        height = offset - dot3(load_scalar3(points.coordinates, i, width), normal, zero)
         possible = not_less(inside, no_blur) & (not_less(height + error, least) | doubtful)
         possible &= used & ~_own_face(points.own[i] - LEAF * leaf)
         sure = possible & greater(inside, blur) & greater(height - error, most) & ~doubtful
@@ -154,30 +154,30 @@ def hide_by_points(bvh, points, view, space, at, within, extent):
     return hidden
 
 
-@inlined
+@always_inline
 def _edge(space, base, edge):
     return load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
 
 
-@inlined
+@always_inline
 def _edge_of(space, row, edge):
-    return numbers3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
+    return load_scalar3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
 
 
-@inlined
+@always_inline
 def _inside(x, y, p, q, r):
     """The least of three edge functions: of points in a face, or of a point in faces."""
     inside = minimum(muladd(x, p[0], muladd(y, p[1], p[2])), muladd(x, q[0], muladd(y, q[1], q[2])))
     return minimum(inside, muladd(x, r[0], muladd(y, r[1], r[2])))
 
 
-@inlined
+@always_inline
 def _own_face(lane):
     """Mask of one lane, if it is one of the 16."""
     return np.int64(0 <= lane < LEAF) << (lane & (LEAF - 1))
 
 
-@inner
+@device_function
 def decide(bvh, points, view, leaf, faces, doubt, first):
     """Mask of the points in doubt, numbered from `first` on, that one of a mask of a leaf's faces blocks."""
     hidden = 0
@@ -188,7 +188,7 @@ def decide(bvh, points, view, leaf, faces, doubt, first):
     return hidden
 
 
-@inner
+@device_function
 def _faces_block(bvh, points, view, i, leaf, faces):
     """Whether one of a mask of a leaf's faces, not its own, blocks the line of sight of point i."""
     point = _world_point(points, i)
@@ -202,7 +202,7 @@ def _faces_block(bvh, points, view, i, leaf, faces):
     return False
 
 
-@inner
+@device_function
 def mark_near_points(points, view, chunks, answer):
     """Write `NEAR_EYE` for the points of some chunks that are too near to an eye inside for any frame."""
     for packet in range(chunks[0] * CHUNK, chunks[1] * CHUNK):
@@ -218,7 +218,7 @@ def mark_near_points(points, view, chunks, answer):
                 answer[points.order[i]] = NEAR_EYE
 
 
-@inner
+@device_function
 def _is_near(points, view, i, radius):
     """Whether point i is within a cube about the eye."""
     away = ZERO
@@ -227,7 +227,7 @@ def _is_near(points, view, i, radius):
     return away <= radius
 
 
-@merged
+@inline_ir
 def find_hidden(bvh, lines, n):
     """Find for n lines of sight a face, but the points' own, that blocks them."""
     for i in range(n):
@@ -240,14 +240,14 @@ def find_hidden(bvh, lines, n):
     walk(bvh, lines, n, _block)
 
 
-@inlined
+@always_inline
 def _block(bvh, lines, i, candidate, a, b, c):
     """Go no farther where a face blocks a line."""
     if blocks(triple(lines.origins, i), triple(lines.points, i), a, b, c, bvh.world_contact):
         lines.faces[i], lines.fractions[i] = candidate, -1.0
 
 
-@inner
+@device_function
 def _world_point(points, i):
     k = points.order[i]
     return points.positions[k, 0], points.positions[k, 1], points.positions[k, 2]

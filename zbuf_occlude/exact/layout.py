@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
-from zbuf_occlude.jit.compiler import inlined
-from zbuf_occlude.jit.simd import N_LANES, N_WIDE, number
+from zbuf_occlude.jit.compiler import always_inline
+from zbuf_occlude.jit.simd import N_LANES, N_WIDE, load_scalar
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
@@ -43,7 +43,7 @@ EDGE_ERROR = np.float32(80.0) * ROUNDOFF
 PLANE_ERROR = np.float32(12.0) * ROUNDOFF
 """Error bound of a point's distance from a plane, for a point with reach 1."""
 
-ENDLESS = np.float32(3e38)
+F32_MAX = np.float32(3e38)
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 SLOTS = 4096
@@ -106,15 +106,15 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
     )
 
 
-@inlined
+@always_inline
 def put(candidates, at, leaf, rectangles, index, stride):
     """Write a leaf to a place of a list, and its rectangle: every `stride` numbers from a flat index on."""
     candidates.leaves[at] = leaf
     for row in range(6):
-        candidates.rectangles[row, at] = number(rectangles, index + row * stride)
+        candidates.rectangles[row, at] = load_scalar(rectangles, index + row * stride)
 
 
-@inlined
+@always_inline
 def flat(slot):
     """Flat index, in boxes or rectangles of nodes' children, of the first number of a child."""
     return 6 * (slot & -LEAF) + (slot & (LEAF - 1))

@@ -6,13 +6,13 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, Float32
+from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, F32_MAX, GROUP, ONE, PACKET, UPPER, Float32
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.jit.compiler import inner
+from zbuf_occlude.jit.compiler import device_function
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import highest, item, load3_wide, lowest, put_item
-from zbuf_occlude.jit.threads import n_blocks, shared, take, together
+from zbuf_occlude.jit.simd import highest, load3_wide, load_unchecked, lowest, store_unchecked
+from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 
 THREAD_CHUNKS = 32
 """Chunks that are worth another thread: fewer are filled before it wakes."""
@@ -50,19 +50,19 @@ def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
         farthest=ONE,
         positions=points.positions,
     )
-    together(_fill_chunks, n_blocks(n_chunks, THREAD_CHUNKS), bvh, points.face_ids, packets)
+    parallel_for(_fill_chunks, n_blocks(n_chunks, THREAD_CHUNKS), bvh, points.face_ids, packets)
     return packets._replace(farthest=packets.chunk_reach.max())
 
 
-@shared
+@parallel_kernel
 def _fill_chunks(tasks, bvh, face_ids, packets):
     """Fill in coordinates, own rows, boxes and reaches."""
     bvh_at, packets_at = reference(bvh), reference(packets)
-    chunk = take(tasks)
+    chunk = next_task(tasks)
     while chunk < len(packets.chunk_reach):
         reach = ONE
         for axis in range(3):
-            packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = ENDLESS, -ENDLESS
+            packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = F32_MAX, -F32_MAX
         for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
             _fill_packet(bvh_at, face_ids, packets_at, packet)
             reach = max(reach, packets.reach[packet])
@@ -71,26 +71,26 @@ def _fill_chunks(tasks, bvh, face_ids, packets):
                 packets.chunk_boxes[axis, chunk] = min(packets.chunk_boxes[axis, chunk], lower)
                 packets.chunk_boxes[UPPER + axis, chunk] = max(packets.chunk_boxes[UPPER + axis, chunk], upper)
         packets.chunk_reach[chunk] = reach
-        chunk = take(tasks)
+        chunk = next_task(tasks)
 
 
-@inner
+@device_function
 def _fill_packet(bvh, face_ids, packets, packet):
     """Fill in what a packet has of its points."""
     first, total, farthest = packet * PACKET, packets.coordinates.shape[1], 0.0
     order, coordinates, positions = packets.order, packets.coordinates, packets.positions
     for i in range(first, first + PACKET):  # short loops: many points wait for memory at a time
-        face = np.int64(item(face_ids, np.int64(item(order, i))))
-        put_item(packets.own, i, item(bvh.rows, face if face >= 0 else len(bvh.rows) - 1))
+        face = np.int64(load_unchecked(face_ids, np.int64(load_unchecked(order, i))))
+        store_unchecked(packets.own, i, load_unchecked(bvh.rows, face if face >= 0 else len(bvh.rows) - 1))
     centre, scale = bvh.centre, bvh.scale
     for i in range(first, first + PACKET):
-        at = 3 * np.int64(item(order, i))
-        x = (item(positions, at) - centre[0]) * scale
-        y = (item(positions, at + 1) - centre[1]) * scale
-        z = (item(positions, at + 2) - centre[2]) * scale
-        put_item(coordinates, i, np.float32(x))
-        put_item(coordinates, i + total, np.float32(y))
-        put_item(coordinates, i + 2 * total, np.float32(z))
+        at = 3 * np.int64(load_unchecked(order, i))
+        x = (load_unchecked(positions, at) - centre[0]) * scale
+        y = (load_unchecked(positions, at + 1) - centre[1]) * scale
+        z = (load_unchecked(positions, at + 2) - centre[2]) * scale
+        store_unchecked(coordinates, i, np.float32(x))
+        store_unchecked(coordinates, i + total, np.float32(y))
+        store_unchecked(coordinates, i + 2 * total, np.float32(z))
         farthest = max(farthest, x * x + y * y + z * z)
     point = load3_wide(coordinates, first, total)
     for axis in range(3):

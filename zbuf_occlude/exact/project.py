@@ -13,7 +13,7 @@ import numpy as np
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     COORDINATE_ERROR,
-    ENDLESS,
+    F32_MAX,
     FARTHEST,
     GROUP,
     HALF,
@@ -27,7 +27,7 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.compiler import always_inline, device_function
 from zbuf_occlude.jit.simd import (
     absolute,
     divide,
@@ -67,11 +67,11 @@ class Extent(NamedTuple):
     farthest: np.float32
     blur: np.float32  # how much larger the error of an edge function is for them than for a point with reach / w = 1
     reach: np.float32  # their largest distance from the scene's centre, or the eye's, or 1
-    inverse_distance_max: np.float32  # at least 1 / (distance from the eye - contact tolerance) of any, or `ENDLESS`
+    inverse_distance_max: np.float32  # at least 1 / (distance from the eye - contact tolerance) of any, or `F32_MAX`
     inverse_distance_min: np.float32  # at most 1 / distance of any
 
 
-@inner
+@device_function
 def project_boxes(boxes, index, stride, view, error, rectangles, to):
     """Project 16 boxes to rectangles.
 
@@ -80,7 +80,7 @@ def project_boxes(boxes, index, stride, view, error, rectangles, to):
     Rectangles are widened by `error`, the error bound of a projected coordinate. What lies behind the eye or outside
     the window gets an empty rectangle; what reaches behind the eye, an endless one.
     """
-    far, near, guard, edge = splat(ENDLESS), splat(-ENDLESS), splat(error), splat(view.window)
+    far, near, guard, edge = splat(F32_MAX), splat(-F32_MAX), splat(error), splat(view.window)
     x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
     left, right, below, above = near, near, near, near
     lower, upper = load3(boxes, index, stride), load3(boxes, UPPER * stride + index, stride)
@@ -111,7 +111,7 @@ def project_boxes(boxes, index, stride, view, error, rectangles, to):
     store(rectangles, FARTHEST * LEAF + to, w1)
 
 
-@inner
+@device_function
 def window_of_chunk(chunk, view, rectangles):
     """Window of a chunk; `rectangles` has the projected boxes of its group."""
     column, edge = chunk % GROUP, view.window * np.float32(1.001)
@@ -124,13 +124,13 @@ def window_of_chunk(chunk, view, rectangles):
     )
 
 
-@inlined
+@always_inline
 def is_empty(window):
     """Whether the view shows none of the points."""
     return not window.left <= window.right
 
 
-@inner
+@device_function
 def joined(a, b):
     """Window of the points of two."""
     if is_empty(a) or is_empty(b):
@@ -144,7 +144,7 @@ def joined(a, b):
     )
 
 
-@inlined
+@always_inline
 def project_packet(bvh, points, packet, view, image):
     """Project the points of a packet into `image`, (3, 32): x / w, y / w and w.
 
@@ -168,16 +168,16 @@ def project_packet(bvh, points, packet, view, image):
     store(image, PACKET, v)
     store(image, 2 * PACKET, w)
     # what the view does not show must not widen the rectangle
-    inverse_max = max(ONE, highest(select(shown, inverse, -ENDLESS)))
+    inverse_max = max(ONE, highest(select(shown, inverse, -F32_MAX)))
     slack = np.float32(3.0) * COORDINATE_ERROR * reach * inverse_max
     bounds = _inverse_distances(points.boxes, packet, view, np.float32(bvh.contact))
     extent = Extent(
         first=base,
-        left=lowest(select(shown, u, ENDLESS)) - slack,
-        right=highest(select(shown, u, -ENDLESS)) + slack,
-        bottom=lowest(select(shown, v, ENDLESS)) - slack,
-        top=highest(select(shown, v, -ENDLESS)) + slack,
-        farthest=highest(select(shown, w, -ENDLESS)) + slack,
+        left=lowest(select(shown, u, F32_MAX)) - slack,
+        right=highest(select(shown, u, -F32_MAX)) + slack,
+        bottom=lowest(select(shown, v, F32_MAX)) - slack,
+        top=highest(select(shown, v, -F32_MAX)) + slack,
+        farthest=highest(select(shown, w, -F32_MAX)) + slack,
         blur=inverse_max * reach / view.reach,
         reach=reach,
         inverse_distance_max=bounds[0],
@@ -186,7 +186,7 @@ def project_packet(bvh, points, packet, view, image):
     return extent, shown
 
 
-@inlined
+@always_inline
 def _inverse_distances(boxes, i, view, contact):
     """`inverse_distance_max` and `inverse_distance_min` of the points in a box."""
     distance_squared, radius_squared = ZERO, ZERO
@@ -198,4 +198,4 @@ def _inverse_distances(boxes, i, view, contact):
     distance, radius = np.sqrt(distance_squared), np.sqrt(radius_squared)
     least = distance * np.float32(0.999) - radius * np.float32(1.001) - contact
     most = (distance + radius) * np.float32(1.001)  # zero for points that are where the eye is
-    return ONE / least if least > ZERO else ENDLESS, ONE / most if most > ZERO else ENDLESS
+    return ONE / least if least > ZERO else F32_MAX, ONE / most if most > ZERO else F32_MAX

@@ -17,7 +17,7 @@ from zbuf_occlude.exact.bvh import corners_of
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     EDGES,
-    ENDLESS,
+    F32_MAX,
     LEAF,
     LEFT,
     NEAREST,
@@ -33,8 +33,8 @@ from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.search import overlapping
 from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
 from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered
-from zbuf_occlude.geometry.predicates import is_nearer, meeting, meeting_with_plane
-from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.geometry.predicates import is_nearer, ray_plane_t, ray_triangle_t
+from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.simd import (
     ALL,
     N_LANES,
@@ -47,13 +47,13 @@ from zbuf_occlude.jit.simd import (
     highest,
     load,
     load3,
+    load_scalar,
+    load_scalar3,
     lowest,
     maximum,
     minimum,
     muladd,
     not_less,
-    number,
-    numbers3,
     select,
     splat,
     store,
@@ -91,7 +91,7 @@ class State(NamedTuple):
     """What is known of the 32 rays of a packet."""
 
     coordinates: Float32  # (2, 32) x / w and y / w; the last ray's again where there are fewer
-    lows: Float32  # (32,) lower bound of g (`triangle_setup`) where the nearest face so far is met; `ENDLESS` for none
+    lows: Float32  # (32,) lower bound of g (`triangle_setup`) where the nearest face so far is met; `F32_MAX` for none
     highs: Float32  # (32,) upper bound
     limits: Float32  # (32,) the largest w that the upper bound stands for
     scratch: Float32  # (2, 16)
@@ -111,7 +111,7 @@ def make_state():
     )
 
 
-@inner
+@device_function
 def window_of(coordinates, first, last, farthest):
     """Window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
     x, y, room = load(coordinates, first), load(coordinates, coordinates.shape[1] + first), coordinates.shape[1]
@@ -122,7 +122,7 @@ def window_of(coordinates, first, last, farthest):
     return Window(lowest(left), highest(right), lowest(bottom), highest(top), farthest)
 
 
-@inner
+@device_function
 def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
     """Find the faces that the chosen rays, at most `PACKET`, meet first among the leaves in ``space.listed``.
 
@@ -131,11 +131,11 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
     farthest = frame.farthest
     window = window_of(state.coordinates, 0, PACKET, farthest)
     for at in range(0, PACKET, N_LANES):
-        store(state.lows, at, splat(ENDLESS))
-        store(state.highs, at, splat(ENDLESS))
+        store(state.lows, at, splat(F32_MAX))
+        store(state.highs, at, splat(F32_MAX))
         store(state.limits, at, splat(farthest))
         fill(state.face_ids, at, ALL, np.int32(-1))
-    limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
+    limit, active = F32_MAX, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
         found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], window)
         if n_listed - j < LEAF:
@@ -160,7 +160,7 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
                     faces &= faces - 1
                     changed |= _test_face(bvh, frame, rays, within, leaf, slot, lane, space, state)
             if changed:
-                limit, most = -ENDLESS, ZERO
+                limit, most = -F32_MAX, ZERO
                 for at in range(0, PACKET, N_LANES):
                     highs = load(state.highs, at)
                     limits = _farthest(frame, highs)
@@ -170,7 +170,7 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
     _finish(bvh, rays, state)
 
 
-@inlined
+@always_inline
 def _farthest(frame, g):
     """Largest w that each g stands for, rounded up; the frame's where there is none."""
     zero, one, farthest = splat(ZERO), splat(ONE), splat(frame.farthest)
@@ -181,7 +181,7 @@ def _farthest(frame, g):
     return select(ahead, minimum(w, farthest), farthest)
 
 
-@inlined
+@always_inline
 def _rays_before(rectangles, entry, state):
     """Mask of the rays that go through a listed rectangle and are not stopped before it."""
     left, right = splat(rectangles[LEFT, entry]), splat(rectangles[RIGHT, entry])
@@ -194,11 +194,11 @@ def _rays_before(rectangles, entry, state):
     return within
 
 
-@inlined
+@always_inline
 def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
     """Test a ray against the faces of a leaf; return whether its nearest has changed."""
     x, y = splat(state.coordinates[0, lane]), splat(state.coordinates[1, lane])
-    base, inside = slot * SETUP_ROWS * LEAF, splat(ENDLESS)
+    base, inside = slot * SETUP_ROWS * LEAF, splat(F32_MAX)
     for edge in range(3):
         a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
         inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
@@ -228,7 +228,7 @@ def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
     return changed
 
 
-@inlined
+@always_inline
 def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
     """Test the rays within against a face of a leaf; return whether any ray's nearest has changed."""
     base = slot * SETUP_ROWS * LEAF + place
@@ -236,16 +236,18 @@ def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
     face, known = bvh.face_ids[leaf, place], ((space.doubtful[slot] >> place) & 1) - 1
     changed = False
     for at in range(0, PACKET, N_LANES):
-        x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET + at), splat(ENDLESS)
+        x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET + at), splat(F32_MAX)
         for edge in range(3):
-            a, b, c = numbers3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
+            a, b, c = load_scalar3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
             inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
         maybe = (within >> at) & not_less(inside, splat(-WITHIN))
         if maybe == 0:
             continue
-        a, b, c = numbers3(space.setups, row, LEAF)
+        a, b, c = load_scalar3(space.setups, row, LEAF)
         g = muladd(x, a, muladd(y, b, c))
-        error = muladd(absolute(g), number(space.setups, row + 4 * LEAF), number(space.setups, row + 3 * LEAF))
+        error = muladd(
+            absolute(g), load_scalar(space.setups, row + 4 * LEAF), load_scalar(space.setups, row + 3 * LEAF)
+        )
         low, high, lows, highs = g - error, g + error, load(state.lows, at), load(state.highs, at)
         maybe &= not_less(highs, low)
         sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
@@ -270,12 +272,12 @@ def _decide(bvh, frame, rays, candidate, lane, state):
     corners, face = corners_of(bvh, candidate), np.int64(state.face_ids[lane])
     if candidate == face:
         return False
-    found, error = meeting(origin, direction, *corners)
+    found, error = ray_triangle_t(origin, direction, *corners)
     if found == math.inf:
         return False
     if face >= 0:
         other_corners = corners_of(bvh, face)
-        other, other_error = meeting_with_plane(origin, direction, *other_corners)
+        other, other_error = ray_plane_t(origin, direction, *other_corners)
         if not is_nearer(
             *(origin, direction, np.int64(candidate), found, error, face, other, other_error), *(corners, other_corners)
         ):
@@ -288,12 +290,12 @@ def _decide(bvh, frame, rays, candidate, lane, state):
     return True
 
 
-@inlined
+@always_inline
 def _triple(numbers, first):
     return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
-@inner
+@device_function
 def _finish(bvh, rays, state):
     """Write the answers: faces, and distances as quotients."""
     directions, face_ids, heights, slopes = rays.directions, rays.face_ids, rays.heights, rays.slopes
@@ -311,10 +313,10 @@ def _finish(bvh, rays, state):
         direction = _triple(directions, 3 * i)
         face_ids[i], heights[i], slopes[i] = face, height, dot(direction, normal)
         if not abs(slopes[i]) > least * (abs(direction[0]) + abs(direction[1]) + abs(direction[2])):
-            heights[i], slopes[i] = meeting(origin, direction, *corners_of(bvh, face))[0], 1.0
+            heights[i], slopes[i] = ray_triangle_t(origin, direction, *corners_of(bvh, face))[0], 1.0
 
 
-@inlined
+@always_inline
 def _plane(origin, a, b, c):
     """A face's height over a ray's origin and its normal, scaled alike, and how small a slope per direction is inexact.
 

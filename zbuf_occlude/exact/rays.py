@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, are_usual, of_usual_length
+from zbuf_occlude.arrays import FloatArray, IntArray, have_safe_norms, rescale_directions
 from zbuf_occlude.exact.bvh import Bvh
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     CHUNK_POINTS,
-    ENDLESS,
+    F32_MAX,
     GROUP,
     LEFT,
     PACKET,
@@ -33,10 +33,10 @@ from zbuf_occlude.exact.ray_packets import RayFrame, Rays, first_hits_of_packet,
 from zbuf_occlude.exact.search import choose, list_candidates, project_children
 from zbuf_occlude.exact.single_rays import BLOCK_LINES, cast_singles, make_lines
 from zbuf_occlude.exact.view import project_eyes, view_of
-from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import N_LANES, load, store
-from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block_from, take_end, together
+from zbuf_occlude.jit.threads import n_blocks, parallel_for, shared_with_memory, take_block_from, take_end
 
 FEW_RAYS_PER_LEAF = 3
 """Fewer rays per leaf go one by one: an eye looks at all boxes of a BVH."""
@@ -73,7 +73,7 @@ class RayQuery(NamedTuple):
     unusual: Int64  # (1,) becomes 1 where a direction is not of usual length: then there are no answers
 
 
-class Places(NamedTuple):
+class RayBins(NamedTuple):
     """The rays of a block, frame by frame, each along a Morton curve of cells; what misses the scene is left out."""
 
     coordinates: Float32  # (2, m) x / w and y / w. Each frame begins at a multiple of `PACKET`, and repeats its last
@@ -116,32 +116,32 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
     """
     n = len(directions)
     if len(bvh.used) == 0:
-        of_usual_length(directions)
+        rescale_directions(directions)
         return np.full(n, -1, dtype=np.int32), np.full(n, np.inf)
     if (origins[0] == origins[-1]).all() and (origins == origins[0]).all():
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     away = math.dist(origins[0], bvh.centre) * bvh.scale
     if len(origins) > 1 or n < FEW_RAYS_PER_LEAF * len(bvh.used) or away > FAR:
-        directions = of_usual_length(directions)
+        directions = rescale_directions(directions)
         asked = bvh, origins, directions, face_ids, distances
-        together(cast_singles, n_blocks(n, BLOCK_LINES), *asked, own=lambda: make_lines(bvh))
+        parallel_for(cast_singles, n_blocks(n, BLOCK_LINES), *asked, own=lambda: make_lines(bvh))
         return face_ids, distances
     views = project_eyes(bvh, origins, 1.0)
     bits = min(max((n // N_LANES).bit_length() // 2, 1), MOST_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_LEAF * len(bvh.used) or _are_scattered(directions))
     if sort:
-        directions = of_usual_length(directions)
+        directions = rescale_directions(directions)
     order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
     flat, unusual = directions.reshape(-1), np.zeros(1, dtype=np.int64)
     hits = face_ids, distances, unusual
     query = RayQuery(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
     if sort:
-        together(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
+        parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
         query = query._replace(order=_order_of_cells(cells, bits), cells=cells[:0])
-    together(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
+    parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
     if unusual[0]:
-        return find_first_hits(bvh, origins, of_usual_length(directions))
+        return find_first_hits(bvh, origins, rescale_directions(directions))
     return face_ids, distances
 
 
@@ -184,7 +184,7 @@ _make_workspace = njit(_nrt=True)(make_workspace)
 @njit(_nrt=True)
 def _make_places():
     room = BLOCK_RAYS + N_FRAMES * PACKET
-    return Places(
+    return RayBins(
         coordinates=np.empty((2, room), dtype=np.float32),
         order=np.empty(room, dtype=np.int32),
         starts=np.zeros(N_FRAMES, dtype=np.int64),
@@ -216,12 +216,12 @@ def _cast_blocks(tasks, bvh, views, query):
     _cast_tasks(tasks, reference(bvh), views, query, (space, places, make_state(), _make_block()))
 
 
-@inner
+@device_function
 def _cast_tasks(tasks, bvh, views, query, memory):
     space, places, state, block = reference(memory[0]), reference(memory[1]), reference(memory[2]), memory[3]
     order, cells, bits = query.order, query.cells, query.bits
     axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(query.away, 1e-300)
-    projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, ENDLESS)
+    projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, F32_MAX)
     if len(axes) == 1:
         project_children(bvh, 0, reference(view_of(views, 0, 0)), space)
         projected, window = 0, _window_of_bvh(bvh, space)
@@ -234,7 +234,7 @@ def _cast_tasks(tasks, bvh, views, query, memory):
         if len(order):
             directions, face_ids, distances = block.directions[: 3 * n], block.face_ids[:n], block.distances[:n]
             _gather(query.directions, order[first:last], directions)
-        elif not are_usual(query.patterns[3 * first : 3 * last]):
+        elif not have_safe_norms(query.patterns[3 * first : 3 * last]):
             query.unusual[0] = 1
             return
         _find_places(axes, window, bits, directions, places)
@@ -263,18 +263,18 @@ def _cast_tasks(tasks, bvh, views, query, memory):
         first, last = take_block_from(tasks, end, len(query.face_ids), BLOCK_RAYS)
 
 
-@inner
+@device_function
 def _window_of_bvh(bvh, space):
     """Return the window that holds the projected children of the root."""
     bounds = space.rectangles
-    left, right, bottom, top = ENDLESS, -ENDLESS, ENDLESS, -ENDLESS
+    left, right, bottom, top = F32_MAX, -F32_MAX, F32_MAX, -F32_MAX
     for i in range(bvh.n_children[0]):
         left, right = min(left, bounds[LEFT, i]), max(right, bounds[RIGHT, i])
         bottom, top = min(bottom, bounds[BOTTOM, i]), max(top, bounds[TOP, i])
-    return Window(left, right, bottom, top, ENDLESS)
+    return Window(left, right, bottom, top, F32_MAX)
 
 
-@inner
+@device_function
 def _gather(directions, order, chosen):
     """Copy the directions of an order."""
     for i in range(len(order)):
@@ -282,7 +282,7 @@ def _gather(directions, order, chosen):
             chosen[3 * i + axis] = directions[3 * order[i] + axis]
 
 
-@inner
+@device_function
 def _measure(directions, face_ids, heights, slopes, distances):
     """Turn quotients into distances, a run of rays at a time: a picture has many that meet nothing."""
     for first in range(0, len(distances), RUN_RAYS):
@@ -294,7 +294,7 @@ def _measure(directions, face_ids, heights, slopes, distances):
             _divide(along, met, heights[first:last], slopes[first:last], distances[first:last])
 
 
-@inner
+@device_function
 def _largest(face_ids):
     most = face_ids[0]
     for i in range(len(face_ids)):
@@ -311,7 +311,7 @@ def _divide(directions, face_ids, heights, slopes, distances):
         distances[i] = distance if face_ids[i] >= 0 else np.inf
 
 
-@inner
+@device_function
 def _cast_frame(bvh, view, frame, rays, places, number, space, state):
     first, end, room = places.starts[number], places.ends[number], places.coordinates.shape[1]
     n_before = list_candidates(bvh, view, window_of(places.coordinates, first, end, frame.farthest), space)
@@ -334,7 +334,7 @@ def _cast_frame(bvh, view, frame, rays, places, number, space, state):
 # Places of rays: a block is sorted by them
 
 
-@inner
+@device_function
 def _find_places(axes, window, bits, directions, places):
     """Fill in the places of a block's rays, directions (3 m,), and their cells.
 
@@ -349,7 +349,7 @@ def _find_places(axes, window, bits, directions, places):
         _place_on_cube(directions, bits, places.unsorted[: 2 * n], places.cells[:n])
 
 
-@inner
+@device_function
 def _sort_places(n, n_frames, bits, places):
     """Sort the n rays of a block by their cells."""
     cells, counts, size = places.cells[:n], places.counts, 1 << (2 * bits)
@@ -376,7 +376,7 @@ def _sort_places(n, n_frames, bits, places):
             x[at], y[at] = x[last], y[last]
 
 
-@inner
+@device_function
 def _accumulate(counts, total):
     """Turn counts of cells into where each begins; return where the last one ends."""
     for cell in range(len(counts)):
@@ -386,7 +386,7 @@ def _accumulate(counts, total):
     return total
 
 
-@inner
+@device_function
 def _scatter(cells, nowhere, unsorted, starts, x, y, order):
     """Write the places and numbers of rays where they go."""
     for i in range(len(cells)):
@@ -442,19 +442,19 @@ def _place_on_cube(directions, bits, coordinates, cells):
         cells[i] = frame * n_cells + _cell_at(np.int32(u * half + half), np.int32(v * half + half))
 
 
-@inlined
+@always_inline
 def _largest3(a, b, c):
     larger = a if a > b else b
     return larger if larger > c else c
 
 
-@inlined
+@always_inline
 def _cell_at(column, row):
     """Number of a cell along a Morton curve."""
     return _spread_bits(column) | (_spread_bits(row) << np.int32(1))
 
 
-@inlined
+@always_inline
 def _spread_bits(i):
     """The `MOST_BITS` bits of a number with gaps between them."""
     i = (i | (i << np.int32(4))) & np.int32(0x30F)

@@ -31,10 +31,10 @@ from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.jit.compiler import inlined, inner, merged
+from zbuf_occlude.jit.compiler import always_inline, device_function, inline_ir
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, not_less, number, splat
-from zbuf_occlude.jit.threads import n_blocks, n_threads, shared, take, take_block, together
+from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, load_scalar, not_less, splat
+from zbuf_occlude.jit.threads import n_blocks, n_threads, next_task, parallel_for, parallel_kernel, take_block
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
@@ -55,7 +55,7 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
     answer = np.ones((n_eyes, len(points)), dtype=np.uint8)
     n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_parts
     sizes = len(bvh.used), len(bvh.n_children)
-    together(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
+    parallel_for(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
     if (views.n_frames > 1).any():
         answer_pairs(bvh, points.positions, points.face_ids, eyes, np.nonzero(answer == NEAR_EYE), answer)
     return answer.view(bool)
@@ -83,10 +83,10 @@ def answer_pairs(
     """Write the answers of pairs of eye and point, two arrays of their numbers, to (k, n)."""
     if len(pairs[0]):
         asked = positions, face_ids, np.ascontiguousarray(eyes), pairs[0], pairs[1], answer
-        together(_look_along_lines, n_blocks(len(pairs[0]), BLOCK_LINES), bvh, *asked, own=lambda: make_lines(bvh))
+        parallel_for(_look_along_lines, n_blocks(len(pairs[0]), BLOCK_LINES), bvh, *asked, own=lambda: make_lines(bvh))
 
 
-@shared
+@parallel_kernel
 def _look_along_lines(tasks, bvh, positions, face_ids, eyes, which, chosen, answer, memory):
     """Take blocks of pairs of eye and point, and fill in the answers."""
     bvh_at, lines = reference(bvh), reference(memory)
@@ -103,26 +103,26 @@ def _look_along_lines(tasks, bvh, positions, face_ids, eyes, which, chosen, answ
         first, last = take_block(tasks, len(which), BLOCK_LINES)
 
 
-@shared
+@parallel_kernel
 def _search_views(tasks, bvh, points, views, n_parts, answer, space):
     """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
     _search_tasks(tasks, reference(bvh), reference(points), views, n_parts, answer, space)
 
 
-@merged
+@inline_ir
 def _search_tasks(tasks, bvh, points, views, n_parts, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
-    task = take(tasks)
+    task = next_task(tasks)
     while task < len(views.eyes) * n_parts:
         k, block = task // n_parts, task % n_parts
         first = n_groups * block // n_parts * GROUP
         last = min(n_groups * (block + 1) // n_parts * GROUP, n_chunks)
         for frame in range(views.n_frames[k]):
             _search_view(bvh, points, view_of(views, k, frame), (first, last), space, answer[k])
-        task = take(tasks)
+        task = next_task(tasks)
 
 
-@merged
+@inline_ir
 def _search_view(bvh, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
@@ -131,7 +131,7 @@ def _search_view(bvh, points, frame, chunks, workspace, answer):
         mark_near_points(points, view, chunks, answer)
 
 
-@merged
+@inline_ir
 def _search_chunks(bvh, points, view, chunks, space, answer):
     """List the leaves before each group of chunks, choose from them for each, and take its packets through those."""
     rectangles = space.chunk_rectangles
@@ -154,7 +154,7 @@ def _search_chunks(bvh, points, view, chunks, space, answer):
                 _search_packets(bvh, points, view, chunk, n_listed, space, answer)
 
 
-@merged
+@inline_ir
 def _search_packets(bvh, points, view, chunk, n, space, answer):
     """Take the packets of a chunk through the n listed leaves."""
     for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
@@ -168,7 +168,7 @@ def _search_packets(bvh, points, view, chunk, n, space, answer):
                 answer[points.order[i]] &= ~(hidden >> (i - base)) & 1
 
 
-@inlined
+@always_inline
 def _search_packet(bvh, points, view, undecided, extent, n, space):
     """Go through the n listed leaves until every point of a packet is hidden; return the mask of the hidden ones."""
     found_hidden = 0
@@ -196,7 +196,7 @@ def _search_packet(bvh, points, view, undecided, extent, n, space):
     return found_hidden
 
 
-@inlined
+@always_inline
 def _within(bounds, entry, least, most):
     """Mask of the packet's points that are in a listed leaf's rectangle and not wholly before it.
 
@@ -204,15 +204,15 @@ def _within(bounds, entry, least, most):
     """
     capacity = bounds.shape[1]
     return (
-        not_less(most[0], number(bounds, LEFT * capacity + entry))
-        & not_less(number(bounds, RIGHT * capacity + entry), least[0])
-        & not_less(most[1], number(bounds, BOTTOM * capacity + entry))
-        & not_less(number(bounds, TOP * capacity + entry), least[1])
-        & not_less(most[2], number(bounds, NEAREST * capacity + entry))
+        not_less(most[0], load_scalar(bounds, LEFT * capacity + entry))
+        & not_less(load_scalar(bounds, RIGHT * capacity + entry), least[0])
+        & not_less(most[1], load_scalar(bounds, BOTTOM * capacity + entry))
+        & not_less(load_scalar(bounds, TOP * capacity + entry), least[1])
+        & not_less(most[2], load_scalar(bounds, NEAREST * capacity + entry))
     )
 
 
-@inlined
+@always_inline
 def _hide(bvh, points, view, within, extent, leaf, space):
     """Mask of the packet's points, of those within, that some face of a leaf hides."""
     slot = slot_of(bvh, leaf, view, space, set_up_for_points)
@@ -226,7 +226,7 @@ def _hide(bvh, points, view, within, extent, leaf, space):
     return hide_by_points(bvh, points, view, space, (leaf, slot), within, extent)
 
 
-@inlined
+@always_inline
 def _promote(listed, entry):
     """Move a leaf to the front of the list: what hides a packet is likely to hide the next."""
     listed.leaves[0], listed.leaves[entry] = listed.leaves[entry], listed.leaves[0]
@@ -238,7 +238,7 @@ def _promote(listed, entry):
 # Candidate lists: the leaves that may hide something in a window, nearest first
 
 
-@inner
+@device_function
 def project_children(bvh, node, view, space):
     """Fill ``space.rectangles`` for the children of a node, unless this view did."""
     if space.projected[node] != view.number:
@@ -247,7 +247,7 @@ def project_children(bvh, node, view, space):
         project_boxes(bvh.boxes, at, LEAF, view, error, space.rectangles, at)
 
 
-@inlined
+@always_inline
 def overlapping(rectangles, i, total, window):
     """Mask of the 16 rectangles, `total` numbers apart from a flat index on, that overlap a window, not behind it."""
     return (
@@ -259,7 +259,7 @@ def overlapping(rectangles, i, total, window):
     )
 
 
-@inner
+@device_function
 def list_candidates(bvh, view, window, space):
     """Descend through the nodes to the leaves that overlap a window; fill ``space.before``, return how many."""
     stack, found_at, n, n_nodes = space.scratch[0], space.scratch[1], np.int64(0), np.int64(1)
@@ -284,27 +284,27 @@ def list_candidates(bvh, view, window, space):
     return n
 
 
-@inner
+@device_function
 def _sort_by_depth(slots, nearest_first, n, farthest, space):
     """Sort the slots of n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
     w, starts, bounds = NEAREST * LEAF, space.depth_starts, space.rectangles
     nearest = farthest
     for j in range(n):
-        nearest = min(nearest, number(bounds, w + flat(np.int64(slots[j]))))
+        nearest = min(nearest, load_scalar(bounds, w + flat(np.int64(slots[j]))))
     nearest = max(nearest, ZERO)
     scale = np.float32(DEPTHS - 1) / max(farthest - nearest, np.float32(1e-30))
     starts[:] = 0
     for j in range(n):
-        starts[np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale) + 1] += 1
+        starts[np.int64(max(load_scalar(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale) + 1] += 1
     for i in range(DEPTHS):
         starts[i + 1] += starts[i]
     for j in range(n):
-        depth = np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale)
+        depth = np.int64(max(load_scalar(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale)
         nearest_first[starts[depth]] = slots[j]
         starts[depth] += 1
 
 
-@inner
+@device_function
 def _tighten(bvh, n, view, space):
     """Replace the rectangles of the n leaves in ``space.before`` by those of their projected faces."""
     for j in range(n):
@@ -313,7 +313,7 @@ def _tighten(bvh, n, view, space):
         put(space.before, j, leaf, space.slot_rectangles, slot, len(space.slot_tags))
 
 
-@inner
+@device_function
 def choose(n, window, space):
     """List in ``space.listed`` those of the n leaves in ``space.before`` that overlap a window; return how many."""
     n_listed, capacity = np.int64(0), space.before.rectangles.shape[1]

@@ -3,8 +3,8 @@
 The rays of a block take a step each, of one kind at a time: nodes, leaves, faces. While the memory that a step needs is
 fetched, those of other rays are taken, and hardly any branch depends on what a test says.
 
-What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it. The
-definition itself, `predicates.meeting`, decides what is left, so face and distance are the oracle's, ties included.
+What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it.
+`predicates.ray_triangle_t` decides what is left, so face and distance are the oracle's, ties included.
 All float32 happens in scene space from the place where a ray enters the scene's sphere, however far away it begins, so
 that no coordinate exceeds about 1. The boxes widen with the rounding of that place; rays from beyond `FAR` test boxes
 only.
@@ -17,9 +17,9 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.exact.bvh import Bvh, corners_of
-from zbuf_occlude.exact.layout import ENDLESS, LEAF, UPPER, ZERO, Float32, Int64
-from zbuf_occlude.geometry.predicates import is_nearer, meeting
-from zbuf_occlude.jit.compiler import inlined, inner, merged, njit
+from zbuf_occlude.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64
+from zbuf_occlude.geometry.predicates import is_nearer, ray_triangle_t
+from zbuf_occlude.jit.compiler import always_inline, device_function, inline_ir, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import (
     absolute,
@@ -27,22 +27,22 @@ from zbuf_occlude.jit.simd import (
     dot3,
     first_lane,
     greater,
-    item,
     load,
     load3,
+    load_scalar,
+    load_unchecked,
     maximum,
     minimum,
     muladd,
     not_less,
-    number,
-    numbered,
-    put_item,
     select,
     splat,
     splat3,
     store,
+    store_unchecked,
+    tag_lanes,
 )
-from zbuf_occlude.jit.threads import shared, take_block
+from zbuf_occlude.jit.threads import parallel_kernel, take_block
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 BLOCK_LINES = 256
@@ -104,8 +104,8 @@ class RayBlock(NamedTuple):
     corners: FloatArray  # (9 x 16 n,) and its corners, world space
     rays: Float32  # (16 n,) rows `START` to `LIMIT`
     nodes: Int64  # (n room,) stacks of nodes, or ~leaves, still to be tested, of one parent the nearest on top
-    nearest: Float32  # (n room,) how far away they are, at least; at the bottom -`ENDLESS`
-    lanes: Float32  # (17,) scratch; the last stays -`ENDLESS`
+    nearest: Float32  # (n room,) how far away they are, at least; at the bottom -`F32_MAX`
+    lanes: Float32  # (17,) scratch; the last stays -`F32_MAX`
 
 
 def make_lines(bvh: Bvh) -> RayBlock:
@@ -133,12 +133,12 @@ def make_lines(bvh: Bvh) -> RayBlock:
         corners=np.empty(9 * LEAF * n),
         rays=np.empty(16 * n, dtype=np.float32),
         nodes=np.empty(n * room, dtype=np.int64),
-        nearest=np.full(n * room, -ENDLESS, dtype=np.float32),
-        lanes=np.full(LEAF + 1, -ENDLESS, dtype=np.float32),
+        nearest=np.full(n * room, -F32_MAX, dtype=np.float32),
+        lanes=np.full(LEAF + 1, -F32_MAX, dtype=np.float32),
     )
 
 
-@shared
+@parallel_kernel
 def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
     """Take blocks of rays and fill in the answers."""
     bvh, lines = reference(bvh_), reference(memory)
@@ -157,16 +157,16 @@ def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
         first, last = take_block(tasks, len(face_ids), BLOCK_LINES)
 
 
-@inlined
+@always_inline
 def triple(numbers, i):
     """Numbers 3 i to 3 i + 2."""
-    return item(numbers, 3 * i), item(numbers, 3 * i + 1), item(numbers, 3 * i + 2)
+    return load_unchecked(numbers, 3 * i), load_unchecked(numbers, 3 * i + 1), load_unchecked(numbers, 3 * i + 2)
 
 
-@inlined
+@always_inline
 def _keep_nearer(bvh, lines, i, candidate, a, b, c):
     origin, direction, face = triple(lines.origins, i), triple(lines.directions, i), lines.faces[i]
-    found, error = meeting(origin, direction, a, b, c)
+    found, error = ray_triangle_t(origin, direction, a, b, c)
     if is_nearer(
         *(origin, direction, candidate, found, error, face, lines.fractions[i], lines.errors[i]),
         *((a, b, c), corners_of(bvh, max(face, 0))),
@@ -174,7 +174,7 @@ def _keep_nearer(bvh, lines, i, candidate, a, b, c):
         lines.faces[i], lines.fractions[i], lines.errors[i] = candidate, found, error
 
 
-@merged
+@inline_ir
 def walk(bvh, lines, n, test):
     """Walk along n lines from their origins, nearest boxes first, as far as ``lines.fractions``.
 
@@ -218,7 +218,7 @@ def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
         _set_up_axis(rays, i, 2, w + before * z, z, away)
 
 
-@inlined
+@always_inline
 def _set_up_axis(rays, i, axis, start, direction, away):
     inverse = 1.0 / (direction if abs(direction) > LEAST_DIRECTION else LEAST_DIRECTION)
     margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
@@ -229,7 +229,7 @@ def _set_up_axis(rays, i, axis, start, direction, away):
     rays[(LEAVES + axis) * BLOCK_LINES + i] = -start * inverse + margin
 
 
-@inner
+@device_function
 def _begin(lines, n):
     """Let the lines that meet the scene's sphere begin at the root; return how many."""
     n_nodes, room = 0, len(lines.nodes) // BLOCK_LINES
@@ -239,45 +239,45 @@ def _begin(lines, n):
     return n_nodes
 
 
-@inlined
+@always_inline
 def _set_limit(lines, i):
     """Note how far from its start a line need be followed, scene units, rounded up; NaN for one that misses."""
     more = 2.0 * FAR_ERROR * lines.skipped[i]
     distance = min(lines.fractions[i] * lines.units[i] - lines.skipped[i], FARTHEST)
     limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
-    put_item(lines.rays, LIMIT * BLOCK_LINES + i, limit)
+    store_unchecked(lines.rays, LIMIT * BLOCK_LINES + i, limit)
     return limit
 
 
-@inlined
+@always_inline
 def _row(rays, i, row):
-    return number(rays, row * BLOCK_LINES + i)
+    return load_scalar(rays, row * BLOCK_LINES + i)
 
 
-@inlined
+@always_inline
 def _state(lines):
     """What steps are taken with: taken from `lines` once, as after each write it would be anew."""
     return lines.at_node, lines.at_leaf, lines.current, lines.tops, lines.nodes, lines.nearest
 
 
-@inner
+@device_function
 def _open_nodes(bvh, lines, n_nodes, n_leaves):
     """Let the lines at a node go on to its children; return how many are at a node now, and at a leaf."""
     boxes, children, n_children, n_next = bvh.boxes, bvh.children, bvh.n_children, 0
     rays, lanes, state = lines.rays, lines.lanes, _state(lines)
     for j in range(n_nodes):
-        i = item(state[0], j)
-        node, enter, leave = item(state[2], i), splat(LEAST), splat(_row(rays, i, LIMIT))
+        i = load_unchecked(state[0], j)
+        node, enter, leave = load_unchecked(state[2], i), splat(LEAST), splat(_row(rays, i, LIMIT))
         for axis in range(3):
             inverse = _row(rays, i, INVERSE + axis)
             near = axis + UPPER * np.int64(inverse < ZERO)
             near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
             enter = maximum(enter, muladd(load(boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
             leave = minimum(leave, muladd(load(boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
-        mask = not_less(leave, enter) & ((np.int64(1) << item(n_children, node)) - 1)
-        enter = select(mask, numbered(enter), splat(-ENDLESS))
+        mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(n_children, node)) - 1)
+        enter = select(mask, tag_lanes(enter), splat(-F32_MAX))
         store(lanes, 0, enter)
-        top, rest = item(state[3], i), mask
+        top, rest = load_unchecked(state[3], i), mask
         for _ in range(EASY_CHILDREN):
             rest = _push(children, LEAF * node, enter, lanes, state, top, rest)
         while rest:
@@ -286,74 +286,76 @@ def _open_nodes(bvh, lines, n_nodes, n_leaves):
     return n_next, n_leaves
 
 
-@inlined
+@always_inline
 def _push(children, first, enter, lanes, state, top, rest):
     """Put the first child of a mask below all that are nearer; return the others. None goes where it is not counted."""
     lane = first_lane(rest | (1 << LEAF))
-    nearest = number(lanes, lane)
+    nearest = load_scalar(lanes, lane)
     place = top + count_lanes(greater(enter, splat(nearest)))
-    put_item(state[4], place, item(children, first + (lane & (LEAF - 1))))
-    put_item(state[5], place, nearest)
+    store_unchecked(state[4], place, load_unchecked(children, first + (lane & (LEAF - 1))))
+    store_unchecked(state[5], place, nearest)
     return rest & (rest - 1)
 
 
-@inlined
+@always_inline
 def _go_on(i, top, limit, state, n_nodes, n_leaves):
     """Let a line take what is on top of its stack; return how many are at a node now, and at a leaf."""
     at_node, at_leaf, current, tops, nodes, nearest = state
-    while item(nearest, top - 1) > limit:  # the bottom never is: eyes and rays are too near for a limit of -infinity
+    while (
+        load_unchecked(nearest, top - 1) > limit
+    ):  # the bottom never is: eyes and rays are too near for a limit of -infinity
         top -= 1
-    more = np.int64(item(nearest, top - 1) > -ENDLESS)
-    node = item(nodes, top - more)
-    put_item(current, i, node)
-    put_item(tops, i, top - more)
-    put_item(at_node, n_nodes, i)
-    put_item(at_leaf, n_leaves, i)
+    more = np.int64(load_unchecked(nearest, top - 1) > -F32_MAX)
+    node = load_unchecked(nodes, top - more)
+    store_unchecked(current, i, node)
+    store_unchecked(tops, i, top - more)
+    store_unchecked(at_node, n_nodes, i)
+    store_unchecked(at_leaf, n_leaves, i)
     leaf = np.int64(node < 0)
     return n_nodes + (more & (1 - leaf)), n_leaves + (more & leaf)
 
 
-@inner
+@device_function
 def _leave(lines, n_nodes, n_leaves):
     """Let the lines at a leaf go on; return how many are at a node now, and at a leaf."""
     state, n_next = _state(lines), 0
     for j in range(n_leaves):
-        i = item(state[1], j)
-        n_nodes, n_next = _go_on(i, item(state[3], i), _set_limit(lines, i), state, n_nodes, n_next)
+        i = load_unchecked(state[1], j)
+        n_nodes, n_next = _go_on(i, load_unchecked(state[3], i), _set_limit(lines, i), state, n_nodes, n_next)
     return n_nodes, n_next
 
 
-@inner
+@device_function
 def _find_candidates(bvh, lines, n_leaves):
     """Find the faces that the lines at a leaf may meet, and their corners; return how many."""
     current, met, masks, n_met = lines.current, lines.met, lines.masks, 0
     rays, corners, used = lines.rays, bvh.corners, bvh.used
     for j in range(n_leaves):
-        i = item(lines.at_leaf, j)
-        leaf = ~item(current, i)
-        mask = _candidates(corners, leaf, rays, i) & item(used, leaf)
-        put_item(met, n_met, i)
-        put_item(masks, n_met, mask)
+        i = load_unchecked(lines.at_leaf, j)
+        leaf = ~load_unchecked(current, i)
+        mask = _candidates(corners, leaf, rays, i) & load_unchecked(used, leaf)
+        store_unchecked(met, n_met, i)
+        store_unchecked(masks, n_met, mask)
         n_met += mask != 0
     asking, asked, found, n_asked = lines.asking, lines.asked, lines.corners, 0
     for j in range(n_met):
-        i, mask = item(met, j), item(masks, j)
+        i, mask = load_unchecked(met, j), load_unchecked(masks, j)
         while mask:
-            face = np.int64(item(bvh.face_ids, LEAF * ~item(current, i) + first_lane(mask)))
-            put_item(asking, n_asked, i)
-            put_item(asked, n_asked, face)
+            face = np.int64(load_unchecked(bvh.face_ids, LEAF * ~load_unchecked(current, i) + first_lane(mask)))
+            store_unchecked(asking, n_asked, i)
+            store_unchecked(asked, n_asked, face)
             mask &= mask - 1
-            n_asked += face != item(lines.own, i)
+            n_asked += face != load_unchecked(lines.own, i)
     faces, vertices = bvh.faces, bvh.vertices
     for j in range(n_asked):
         for corner in range(3):
-            vertex = np.int64(item(faces, 3 * item(asked, j) + corner))
+            vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(asked, j) + corner))
             for axis in range(3):
-                put_item(found, 9 * j + 3 * corner + axis, item(vertices, 3 * vertex + axis))
+                store_unchecked(found, 9 * j + 3 * corner + axis, load_unchecked(vertices, 3 * vertex + axis))
     return n_asked
 
 
-@inlined
+@always_inline
 def _candidates(corners, leaf, rays, i):
     """Mask of the faces of a leaf that a line may meet before its limit.
 
@@ -387,12 +389,12 @@ def _candidates(corners, leaf, rays, i):
     return (inside & before) | edge_on
 
 
-@inlined
+@always_inline
 def _size_of(a):
     """Sum of the components' sizes, at least the length."""
     return absolute(a[0]) + absolute(a[1]) + absolute(a[2])
 
 
-@inlined
+@always_inline
 def _splat_rows(rays, i, row):
     return splat3((_row(rays, i, row), _row(rays, i, row + 1), _row(rays, i, row + 2)))

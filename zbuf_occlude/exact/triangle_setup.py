@@ -38,7 +38,7 @@ from zbuf_occlude.exact.layout import (
     COORDINATE_ERROR,
     EDGE_ERROR,
     EDGES,
-    ENDLESS,
+    F32_MAX,
     FARTHEST,
     HALF,
     LEAF,
@@ -53,7 +53,7 @@ from zbuf_occlude.exact.layout import (
     TOP,
     ZERO,
 )
-from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.compiler import always_inline, device_function
 from zbuf_occlude.jit.simd import (
     absolute,
     divide,
@@ -85,7 +85,7 @@ WITHIN = np.float32(1.001)
 """A ray passes a face for certain where its edge functions, in units of their error, are above this."""
 
 
-@inlined
+@always_inline
 def slot_of(bvh, leaf, view, space, set_up):
     """Slot that holds a leaf's set-up for this view; where none does, call `set_up_for_points` or `set_up_for_rays`."""
     slot = leaf & (len(space.slot_tags) - 1)
@@ -96,7 +96,7 @@ def slot_of(bvh, leaf, view, space, set_up):
     return slot
 
 
-@inner
+@device_function
 def set_up_for_points(bvh, leaf, view, space, slot):
     """Write edge functions, planes and the rectangle around a leaf's faces to a slot."""
     corners, doubtful = _set_up_faces(bvh, leaf, view, space, slot)
@@ -104,14 +104,14 @@ def set_up_for_points(bvh, leaf, view, space, slot):
     _bound(corners, bvh.used[leaf], view, space, slot)
 
 
-@inner
+@device_function
 def set_up_for_rays(bvh, leaf, view, space, slot):
     """Write edge functions and depths of a leaf's faces to a slot."""
     _, doubtful = _set_up_faces(bvh, leaf, view, space, slot)
     space.doubtful[slot] = _set_up_depths(bvh, leaf, view, doubtful, space, slot)
 
 
-@inlined
+@always_inline
 def _set_up_faces(bvh, leaf, view, space, slot):
     """Write planes and edge functions; return the projected corners and the mask of the doubtful faces."""
     base = leaf * 9 * LEAF
@@ -125,14 +125,14 @@ def _set_up_faces(bvh, leaf, view, space, slot):
     return corners, doubtful
 
 
-@inlined
+@always_inline
 def _project_corner(bvh, base, view):
     """Homogeneous coordinates of a corner of 16 faces, which begins at a flat index of the scene's."""
     x, y, z = load3(bvh.corners, base, LEAF)
     return transform(view.matrix, x, y, z)
 
 
-@inlined
+@always_inline
 def _set_up_planes(bvh, leaf, view, space, slot):
     """Write planes, turned so that the eye is on their positive side.
 
@@ -156,11 +156,11 @@ def _set_up_planes(bvh, leaf, view, space, slot):
     return below, (edge_on | bvh.weak[leaf]) & used
 
 
-@inlined
+@always_inline
 def _set_up_edges(corners, below, doubtful, view, space, slot):
     """Write edge functions P . (A x (B - A)), turned like the planes, in units of their error."""
     a, b, c = corners
-    one, zero, endless = splat(ONE), splat(ZERO), splat(ENDLESS)
+    one, zero, endless = splat(ONE), splat(ZERO), splat(F32_MAX)
     # nearest w at which the window can show the face: of its corners, or its distance from the eye
     nearest = minimum(a[2], minimum(b[2], c[2]))
     if view.near > ZERO:
@@ -197,28 +197,28 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
     store3(space.setups, row + 6 * LEAF, LEAF, r)
 
 
-@inlined
+@always_inline
 def _scaled(a, scale):
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
-@inlined
+@always_inline
 def _chosen(mask, a, b):
     return select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2])
 
 
-@inlined
+@always_inline
 def _bound(corners, used, view, space, slot):
     """Write the rectangle around the faces, as `project.project_boxes` does."""
     a, b, c = corners
-    far, low = splat(ENDLESS), splat(-ENDLESS)
+    far, low = splat(F32_MAX), splat(-F32_MAX)
     error, bounds = COORDINATE_ERROR * view.reach, space.slot_rectangles
     nearest = lowest(select(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
     bounds[NEAREST, slot] = nearest
     bounds[FARTHEST, slot] = highest(select(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
     if nearest <= ZERO:
-        bounds[LEFT, slot], bounds[RIGHT, slot] = -ENDLESS, ENDLESS
-        bounds[BOTTOM, slot], bounds[TOP, slot] = -ENDLESS, ENDLESS
+        bounds[LEFT, slot], bounds[RIGHT, slot] = -F32_MAX, F32_MAX
+        bounds[BOTTOM, slot], bounds[TOP, slot] = -F32_MAX, F32_MAX
         return
     ia, ib, ic = divide(splat(ONE), a[2]), divide(splat(ONE), b[2]), divide(splat(ONE), c[2])
     blur = error * np.float32(1.01) / nearest
@@ -229,7 +229,7 @@ def _bound(corners, used, view, space, slot):
     bounds[TOP, slot] = highest(select(used, maximum(ya, maximum(yb, yc)), low)) + blur
 
 
-@inlined
+@always_inline
 def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
     """Write g and its error; return the mask of the faces whose g means nothing."""
     base, zero, one = leaf * 4 * LEAF, splat(ZERO), splat(ONE)
@@ -253,12 +253,12 @@ def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
     store(space.setups, row + width, select(unknown, zero, zero - y * inverse))
     store(space.setups, row + 2 * width, select(unknown, zero, constant * inverse))
     inverse = absolute(inverse)
-    store(space.setups, row + 3 * width, select(unknown, splat(ENDLESS), inverse * splat(DEPTH_ERROR)))
+    store(space.setups, row + 3 * width, select(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
     store(space.setups, row + 4 * width, select(unknown, zero, inverse * error))
     return unknown & bvh.used[leaf]
 
 
-@inlined
+@always_inline
 def faces_before(bvh, leaf, space, slot, window, limit):
     """Mask of the faces of a leaf that may be met within a `Window` at a g of at most `limit`."""
     base = slot * SETUP_ROWS * LEAF

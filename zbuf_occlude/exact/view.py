@@ -8,7 +8,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.exact.bvh import Bvh
 from zbuf_occlude.exact.layout import ONE, ZERO, Float32, Int64
-from zbuf_occlude.jit.compiler import inner, njit
+from zbuf_occlude.jit.compiler import device_function, njit
 
 OUTSIDE = 1.5
 """An eye farther from the centre than this times the farthest point sees everything in one frame."""
@@ -69,7 +69,7 @@ def project_eyes(bvh: Bvh, world_eyes: FloatArray, farthest: float) -> EyeViews:
     return EyeViews(matrices.reshape(k, 6, 12), axes.reshape(k, 6, 3, 3), n_frames, eyes.reshape(k, 3), world_eyes)
 
 
-@inner
+@device_function
 def view_of(views, k, frame):
     """Return a frame of eye k as the kernels take it."""
     eye, world_eye = views.eyes[k], views.world_eyes[k]
@@ -114,7 +114,7 @@ def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_fr
                 _put_row(matrices, axes, 18 * k + row, (a, b, c), -(a * x + b * y + c * z))
 
 
-@inner
+@device_function
 def _put_row(matrices, axes, row, along, constant):
     for i in range(3):
         axes[3 * row + i] = along[i]

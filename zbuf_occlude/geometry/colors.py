@@ -29,7 +29,7 @@ class Material(NamedTuple):
     texture: Bytes | None = None  # (h, w, 3), sRGB; the first row is at v = 1
     wrap: tuple[str, str] = (REPEAT, REPEAT)  # along u and v
     name: str = ""
-    passing: float = 0.0  # share of the light that falls on it and goes on behind it
+    transmittance: float = 0.0  # share of the light that falls on it and goes on behind it
     painted: bool = True
 
 
@@ -76,9 +76,9 @@ class SurfaceColors:
         return not self.lacking and not np.isin(self.material_ids, plain).any()
 
     @property
-    def passing(self) -> FloatArray:
+    def transmittance(self) -> FloatArray:
         """Share of the light that each triangle lets pass, (f,)."""
-        return np.array([material.passing for material in self.materials])[self.material_ids]
+        return np.array([material.transmittance for material in self.materials])[self.material_ids]
 
     def transparent(self, shares: Mapping[str, float | None]) -> "SurfaceColors":
         """Return the colours with only those materials transparent that have a name of `shares`, which may have ``*``.
@@ -97,7 +97,7 @@ class SurfaceColors:
         for material in self.materials:
             mine = [share for name, share in shares.items() if fnmatchcase(material.name, name)]
             share = mine[-1] if mine else 0.0
-            found.append(material if share is None else material._replace(passing=share))
+            found.append(material if share is None else material._replace(transmittance=share))
         return replace(self, materials=tuple(found))
 
     def select(self, which: BoolArray | NDArray[np.intp]) -> "SurfaceColors":

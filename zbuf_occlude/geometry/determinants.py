@@ -28,7 +28,7 @@ import math
 
 import numpy as np
 
-from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.simd import fma
 
 FILTER = 9.0 * 2.0**-53
@@ -42,7 +42,7 @@ BITS = 32
 DIGIT = (1 << BITS) - 1
 
 
-@inlined
+@always_inline
 def filtered(x, y, z):
     """Determinant x . (y x z) of rounded rows in float64, and a bound on its error."""
     p, q, r = y[1] * z[2], y[2] * z[0], y[0] * z[1]
@@ -57,7 +57,7 @@ def low_part(a, b, difference):
     return _lost(a[0], b[0], difference[0]), _lost(a[1], b[1], difference[1]), _lost(a[2], b[2], difference[2])
 
 
-@inlined
+@always_inline
 def _lost(a, b, difference):
     """Rounding error of the float64 a - b: exactly a - b - difference (Knuth's two-sum)."""
     b_ = a - difference
@@ -86,7 +86,7 @@ def determinant(least, x, x_low, y, y_low, z, z_low):
     return _as_float(x, x_low, y, y_low, z, z_low)
 
 
-@inlined
+@always_inline
 def _two_term(x, x_low, y, y_low, z, z_low):
     """Determinant to about twice float64's precision, and a bound on its error."""
     first, first_low, first_size = _term(x[0], x_low[0], y[1], y_low[1], y[2], y_low[2], z[1], z_low[1], z[2], z_low[2])
@@ -100,7 +100,7 @@ def _two_term(x, x_low, y, y_low, z, z_low):
     return total + low, SECOND * (first_size + second_size + third_size) + TINY
 
 
-@inlined
+@always_inline
 def _term(x, x_low, y, y_low, y2, y2_low, z, z_low, z2, z2_low):
     """x (y z2 - y2 z) rounded, what rounding lost, and the sum of both products' sizes."""
     p, q = y * z2, y2 * z
@@ -110,7 +110,7 @@ def _term(x, x_low, y, y_low, y2, y2_low, z, z_low, z2, z2_low):
     return term, fma(x, m, -term) + x * m_low + x_low * m, abs(x) * (abs(p) + abs(q))
 
 
-@inner
+@device_function
 def _loses_nothing(x, x_low, y, y_low, z, z_low):
     """Whether `_two_term` is exact because nothing was rounded: so axis-parallel rays meet edges of round grids."""
     total = 0.0
@@ -145,7 +145,7 @@ def _loses_nothing(x, x_low, y, y_low, z, z_low):
 # Integers: digits of `BITS` bits, the lowest first; the lowest one's unit is a power of two
 
 
-@inner
+@device_function
 def _exponents(row, low):
     """Exponents of the last bit that any part of a row may have, and above its first; 0, 0 of zeros."""
     least, most = 4096, -4096
@@ -157,7 +157,7 @@ def _exponents(row, low):
     return (least, most) if least < 4096 else (0, 0)
 
 
-@inner
+@device_function
 def _scale(x, x_low, y, y_low, z, z_low):
     """Exponent of the lowest digit's unit, and how many digits a determinant takes."""
     (a, b), (c, d), (e, f) = _exponents(x, x_low), _exponents(y, y_low), _exponents(z, z_low)
@@ -165,7 +165,7 @@ def _scale(x, x_low, y, y_low, z, z_low):
     return lowest, (b + d + f - lowest) // BITS + 4
 
 
-@inner
+@device_function
 def _add_products(digits, lowest, x, x_low, y, y_low, z, z_low):
     """Add the products of a determinant."""
     for i in range(3):
@@ -179,7 +179,7 @@ def _add_products(digits, lowest, x, x_low, y, y_low, z, z_low):
                 _add_product(digits, lowest, -a, b, z_low[j])
 
 
-@inner
+@device_function
 def _add_product(digits, lowest, a, b, c):
     """Add a b c, split into four float64 without error; exponents kept apart."""
     if a == 0.0 or b == 0.0 or c == 0.0:
@@ -194,7 +194,7 @@ def _add_product(digits, lowest, a, b, c):
         _add(digits, fma(part, c, -high), i + j + k - lowest)
 
 
-@inner
+@device_function
 def _add(digits, number, exponent):
     """Add number 2^exponent, in units of the lowest digit."""
     if number == 0.0:
@@ -208,7 +208,7 @@ def _add(digits, number, exponent):
     digits[at + 2] += sign * (high >> BITS)
 
 
-@inner
+@device_function
 def _carry(digits):
     """Bring the digits into [0, 2^BITS); return the sign of the number, whose size they then tell."""
     carry, rest = np.int64(0), np.int64(0)
@@ -264,7 +264,7 @@ def compare_quotients(a, b, c, d):
     return _carry(difference) * q_sign * s_sign
 
 
-@inner
+@device_function
 def _add_digits_product(digits, a, b, shift, sign):
     """Add sign a b 2^shift, of numbers whose digits are in [0, 2^BITS)."""
     skipped, shift, carry = shift // BITS, shift % BITS, np.int64(0)

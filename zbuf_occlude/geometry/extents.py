@@ -3,7 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.jit.threads import n_blocks, shared, take, together
+from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 
 PAIRS_PER_TASK = 20_000
 """Pairs of camera and point that are worth waking a thread for."""
@@ -16,14 +16,14 @@ def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
     """
     bounds = np.empty((len(views), 6))
     n_tasks = min(len(views), n_blocks(len(views) * len(positions), PAIRS_PER_TASK))
-    together(_measure, n_tasks, views, positions, bounds)
+    parallel_for(_measure, n_tasks, views, positions, bounds)
     return bounds
 
 
-@shared
+@parallel_kernel
 def _measure(tasks, views, positions, bounds):
     """Take camera after camera."""
-    k = take(tasks)
+    k = next_task(tasks)
     while k < len(views):
         view = views[k]
         nearest, farthest = np.inf, -np.inf
@@ -42,4 +42,4 @@ def _measure(tasks, views, positions, bounds):
             left = right = bottom = top = 0.0
         row = bounds[k]
         row[0], row[1], row[2], row[3], row[4], row[5] = nearest, farthest, left, bottom, right, top
-        k = take(tasks)
+        k = next_task(tasks)

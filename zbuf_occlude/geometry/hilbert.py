@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
 Keys = NDArray[np.uint64]
 
@@ -35,7 +35,7 @@ def hilbert_order(positions: FloatArray) -> IntArray:
     scale = (2.0**POSITION_BITS - 1.0) / side if side > 0.0 else 0.0
     # with the index in the low bits, sorting the keys is all
     keys = np.empty(len(positions), dtype=np.uint64)
-    together(_keys, n_blocks(len(positions), THREAD), positions, low, scale, index_bits, keys, own=new_cells)
+    parallel_for(_keys, n_blocks(len(positions), THREAD), positions, low, scale, index_bits, keys, own=new_cells)
     keys.sort()
     return indices_of(keys, index_bits)
 
@@ -61,7 +61,7 @@ def new_cells() -> IntArray:
     return np.empty((3, BLOCK), dtype=np.int32)
 
 
-@shared
+@parallel_kernel
 def _keys(tasks, positions, low, scale, index_bits, keys, cells):
     """Place along the curve, and index, of each position."""
     first, last = take_block(tasks, len(positions), BLOCK)

@@ -15,20 +15,20 @@ from zbuf_occlude.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    Sealed,
+    ReadOnlyArrays,
     as_array,
     as_indices,
     as_numbers,
     as_vectors,
-    frozen,
-    sealed,
+    readonly_copy,
+    set_readonly,
 )
-from zbuf_occlude.errors import ArgumentError, MeshError, check_word
+from zbuf_occlude.errors import ArgumentError, MeshError, check_choice
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import WHITE, SurfaceColors, of_trimesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.provenance import UNKNOWN, Origin
+from zbuf_occlude.provenance import UNKNOWN, MeshSource
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""
@@ -43,7 +43,7 @@ UNITS = MappingProxyType({"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254})
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(Sealed):
+class Mesh(ReadOnlyArrays):
     """A triangle mesh in world space. Immutable, its measures too: every transformation returns a new one.
 
     Parameters
@@ -58,7 +58,7 @@ class Mesh(Sealed):
         For each face the face of the file it came from; ``arange(f)`` by default.
     dropped : dict of str to int
         What `cleaned` removed, by reason.
-    origin : Origin
+    origin : MeshSource
         What it was made of, where that is known: the content of its files, or a shape's recipe.
     colors : SurfaceColors, optional
         Base colours of the faces, where they were asked for.
@@ -89,7 +89,7 @@ class Mesh(Sealed):
     name: str = "mesh"
     source_face_ids: IntArray | None = None
     dropped: dict[str, int] = field(default_factory=dict)
-    origin: Origin = UNKNOWN
+    origin: MeshSource = UNKNOWN
     colors: SurfaceColors | None = None
 
     def __post_init__(self) -> None:
@@ -111,7 +111,9 @@ class Mesh(Sealed):
             raise MeshError(
                 f"colors must be of {len(faces)} faces; they are of {len(self.colors.material_ids)}. Select alike."
             )
-        vars(self).update(vertices=frozen(vertices), faces=frozen(faces), source_face_ids=frozen(source))
+        vars(self).update(
+            vertices=readonly_copy(vertices), faces=readonly_copy(faces), source_face_ids=readonly_copy(source)
+        )
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -124,13 +126,13 @@ class Mesh(Sealed):
         name: str,
         source_face_ids: IntArray,
         dropped: dict[str, int],
-        origin: Origin,
+        origin: MeshSource,
         colors: SurfaceColors | None = None,
     ) -> "Mesh":
         """Take over C-contiguous arrays that were checked already, float64 and int32, and that no one else holds."""
         mesh = object.__new__(cls)
         arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
-        vars(mesh).update({key: sealed(array) for key, array in arrays.items()})
+        vars(mesh).update({key: set_readonly(array) for key, array in arrays.items()})
         vars(mesh).update(name=name, dropped=dropped, origin=origin, colors=colors)
         return mesh
 
@@ -167,32 +169,32 @@ class Mesh(Sealed):
     @cached_property
     def corners(self) -> FloatArray:
         """Corner positions of every face, (f, 3 corners, 3)."""
-        return sealed(self.vertices.take(self.faces, axis=0))  # three times as fast as vertices[faces]
+        return set_readonly(self.vertices.take(self.faces, axis=0))  # three times as fast as vertices[faces]
 
     @cached_property
     def face_normals(self) -> FloatArray:
         """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
         normals = np.empty((len(self.faces), 3))
         _fill_normals(self.corners, normals)
-        return sealed(normals)
+        return set_readonly(normals)
 
     @cached_property
     def areas(self) -> FloatArray:
         """Areas of the faces, (f,) (paper Eq. 4)."""
         x, y, z = self.face_normals.T.copy()  # three times as fast as norm(axis=1), the same numbers
-        return sealed(np.sqrt(x * x + y * y + z * z) / 2.0)
+        return set_readonly(np.sqrt(x * x + y * y + z * z) / 2.0)
 
     @cached_property
     def bounds(self) -> FloatArray:
         """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
         bounds = np.empty((2, 3))
         _fill_bounds(self.vertices, self.faces, np.zeros(len(self.vertices), dtype=bool), bounds)
-        return sealed(bounds)
+        return set_readonly(bounds)
 
     @cached_property
     def centre(self) -> FloatArray:
         """Centre of the bounding box, (3,)."""
-        return sealed((self.bounds[0] + self.bounds[1]) / 2.0)
+        return set_readonly((self.bounds[0] + self.bounds[1]) / 2.0)
 
     @cached_property
     def longest_side(self) -> float:
@@ -270,9 +272,9 @@ class Mesh(Sealed):
 def check_frame(up: str | None, unit: str | None) -> None:
     """Raise OptionError where `up` is no axis of `UP`, or `unit` none of `UNITS`; None is neither."""
     if up is not None:
-        check_word("up", up, UP)
+        check_choice("up", up, UP)
     if unit is not None:
-        check_word("unit", unit, UNITS)
+        check_choice("unit", unit, UNITS)
 
 
 def stood(vertices: FloatArray, up: str | None, unit: str | None) -> FloatArray:

@@ -12,7 +12,7 @@ a line within the face's plane, which no face blocks (paper Eq. 6 has no solutio
 import math
 
 from zbuf_occlude.geometry.determinants import CLEAR, SIGN, compare_quotients, determinant, filtered, low_part
-from zbuf_occlude.jit.compiler import inlined, inner, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.vec3 import dot, minus
 
 EXACTLY = (0.0, 0.0, 0.0)
@@ -22,7 +22,7 @@ ROUNDING = 1e-15
 """Relative error of a quotient of two numbers without error, and of a sum with it; with room."""
 
 
-@inlined
+@always_inline
 def passes(origin, direction, a, b, c):
     """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not; or `IN_DOUBT`.
 
@@ -68,13 +68,13 @@ def passes_exactly(origin, direction, direction_low, a, b, c):
     return side
 
 
-@inlined
+@always_inline
 def _side(origin, direction, p, q):
     volume, error = filtered(direction, minus(p, origin), minus(q, p))
     return 1 if volume > error else (-1 if volume < -error else IN_DOUBT)
 
 
-@inner
+@device_function
 def side_of_edge(origin, direction, direction_low, p, q):
     """Side, 1, 0 or -1, on which a line passes the edge pq."""
     to_p, to_q, pq = minus(p, origin), minus(q, origin), minus(q, p)
@@ -87,7 +87,7 @@ def side_of_edge(origin, direction, direction_low, p, q):
     return 1 if volume > 0.0 else (-1 if volume < 0.0 else 0)
 
 
-@inlined
+@always_inline
 def side_of_ray(origin, direction, a, b, c):
     """Side from which a ray's line passes through the closed triangle abc, 1 or -1, exactly; 0 where it does not."""
     side = passes(origin, direction, a, b, c)
@@ -96,7 +96,7 @@ def side_of_ray(origin, direction, a, b, c):
     return side
 
 
-@inner
+@device_function
 def _height(point, a, b, c):
     """Determinant of a point's height over the face abc, with the exact sign and a relative error below 1e-9."""
     p, ab, ac = minus(point, a), minus(b, a), minus(c, a)
@@ -106,13 +106,13 @@ def _height(point, a, b, c):
     return height
 
 
-@inlined
+@always_inline
 def _height_rows(point, a, b, c):
     p, ab, ac = minus(point, a), minus(b, a), minus(c, a)
     return p, low_part(point, a, p), ab, low_part(b, a, ab), ac, low_part(c, a, ac)
 
 
-@inlined
+@always_inline
 def _slope_rows(direction, a, b, c):
     ab, ac = minus(b, a), minus(c, a)
     return direction, EXACTLY, ab, low_part(b, a, ab), ac, low_part(c, a, ac)
@@ -152,7 +152,7 @@ def blocks(eye, point, a, b, c, contact):
 
 
 @njit()
-def meeting(origin, direction, a, b, c):
+def ray_triangle_t(origin, direction, a, b, c):
     """Where the closed triangle abc meets the open ray from an origin.
 
     Parameters
@@ -175,12 +175,12 @@ def meeting(origin, direction, a, b, c):
     side = side_of_ray(origin, direction, a, b, c)
     if side == 0:
         return math.inf, 0.0
-    fraction, error = meeting_with_plane(origin, direction, a, b, c)
+    fraction, error = ray_plane_t(origin, direction, a, b, c)
     return (fraction, error) if fraction > 0.0 else (math.inf, 0.0)
 
 
-@inner
-def meeting_with_plane(origin, direction, a, b, c):
+@device_function
+def ray_plane_t(origin, direction, a, b, c):
     """Multiple of `direction`, with the exact sign, at which a line meets the plane of a face that it passes through.
 
     Returns
@@ -203,7 +203,7 @@ def meeting_with_plane(origin, direction, a, b, c):
     return fraction, abs(fraction) * (height_error / abs(height) + slope_error / abs(slope) + ROUNDING)
 
 
-@inner
+@device_function
 def is_nearer(
     origin, direction, face, fraction, error, other_face, other_fraction, other_error, corners, other_corners
 ):
@@ -214,7 +214,7 @@ def is_nearer(
     origin, direction : tuples or arrays of 3 float64, world space
     face, other_face : int
     fraction, error, other_fraction, other_error : float
-        As `meeting` returns them; infinity where the other one does not exist.
+        As `ray_triangle_t` returns them; infinity where the other one does not exist.
     corners, other_corners : tuples of 3 corners
 
     Returns
@@ -225,12 +225,12 @@ def is_nearer(
         return True
     if fraction - error > other_fraction + other_error or fraction == math.inf:
         return False
-    order = compare_meetings(origin, direction, corners, other_corners)
+    order = compare_hits(origin, direction, corners, other_corners)
     return order < 0 or (order == 0 and face < other_face)
 
 
 @njit()
-def compare_meetings(origin, direction, corners, other_corners):
+def compare_hits(origin, direction, corners, other_corners):
     """Return -1, 0 or 1, exactly: a ray that meets two faces meets the first before, with or after the other."""
     direction = (direction[0], direction[1], direction[2])
     a, b, c = corners
@@ -266,12 +266,12 @@ def _meet_at_once(origin, direction, corners, other_corners):
     )
 
 
-@inlined
+@always_inline
 def _is_among(corner, corners):
     return corner == corners[0] or corner == corners[1] or corner == corners[2]
 
 
-@inner
+@device_function
 def _meets_edge(origin, direction, a, b):
     """Whether a ray that meets a face meets the line through two of its corners."""
     return side_of_edge(origin, direction, EXACTLY, a, b) == 0

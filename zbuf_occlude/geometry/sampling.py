@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import (
     FloatArray,
     IntArray,
-    Sealed,
+    ReadOnlyArrays,
     as_indices,
     as_number,
     as_numbers,
     as_vectors,
-    frozen,
-    sealed,
+    readonly_copy,
+    set_readonly,
     shape_and_dtype,
 )
 from zbuf_occlude.errors import ArgumentError, shown
@@ -34,7 +34,7 @@ Seed = int | np.random.SeedSequence | np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints(Sealed):
+class SurfacePoints(ReadOnlyArrays):
     """Points on a surface, each with the face it lies on. Immutable.
 
     Parameters
@@ -78,8 +78,10 @@ class SurfacePoints(Sealed):
             colors = np.asarray(self.colors)
             if colors.dtype != np.uint8 or colors.shape != positions.shape:
                 raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {shape_and_dtype(self.colors)}.")
-            vars(self).update(colors=frozen(colors))
-        vars(self).update(positions=frozen(positions), face_ids=frozen(face_ids), normals=frozen(normals))
+            vars(self).update(colors=readonly_copy(colors))
+        vars(self).update(
+            positions=readonly_copy(positions), face_ids=readonly_copy(face_ids), normals=readonly_copy(normals)
+        )
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -103,8 +105,10 @@ class SurfacePoints(Sealed):
     ) -> "SurfacePoints":
         """Take over C-contiguous arrays that were checked already, and that no one else holds."""
         points = object.__new__(cls)
-        vars(points).update(positions=sealed(positions), face_ids=sealed(face_ids), normals=sealed(normals))
-        vars(points).update(colors=None if colors is None else sealed(colors))
+        vars(points).update(
+            positions=set_readonly(positions), face_ids=set_readonly(face_ids), normals=set_readonly(normals)
+        )
+        vars(points).update(colors=None if colors is None else set_readonly(colors))
         return points
 
     @classmethod

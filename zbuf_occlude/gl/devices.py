@@ -141,14 +141,14 @@ def default_device() -> int:
     return left[0].index if left else 0
 
 
-class Hindrance(NamedTuple):
+class GlProblem(NamedTuple):
     """Why there is no OpenGL on the GPU, in a sentence, and the one thing to do."""
 
     cause: str
     fix: str
 
 
-def hindrance(root: Path = Path("/"), environment: Mapping[str, str] | None = None) -> Hindrance | None:
+def find_gl_problem(root: Path = Path("/"), environment: Mapping[str, str] | None = None) -> GlProblem | None:
     """Say what keeps OpenGL from an NVIDIA GPU, by its files; None where there is no GPU, or nothing is missing."""
     if not (root / "dev/nvidiactl").exists():
         return None
@@ -159,32 +159,32 @@ def hindrance(root: Path = Path("/"), environment: Mapping[str, str] | None = No
 
     named = ",".join(environment.get(name, "") for name in ("CUDA_VISIBLE_DEVICES", "NVIDIA_VISIBLE_DEVICES"))
     if "MIG-" in named or any((root / "proc/driver/nvidia/capabilities").glob("gpu*/mig/gi*")):
-        return Hindrance(
+        return GlProblem(
             "the NVIDIA GPU is cut into MIG instances, which have no graphics.",
             "run on a GPU that is not cut, or take --method exact",
         )
     if not has("libEGL_nvidia.so"):
-        return Hindrance(
+        return GlProblem(
             "there is an NVIDIA GPU, but not the driver's libEGL_nvidia.",
             "start the container with -e NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility "
             "(outside one: install the driver's libnvidia-gl package)",
         )
     if not (has("libEGL.so.1") and has("libGLdispatch.so.0")):
-        return Hindrance(
+        return GlProblem(
             "there is an NVIDIA GPU and its driver, but not glvnd's libEGL, which finds drivers.",
             "apt-get install libegl1",
         )
     if not any(file for folder in _VENDORS for file in (root / folder).glob("*nvidia*.json")):
-        return Hindrance(
+        return GlProblem(
             "there is an NVIDIA GPU and its driver, but no ICD file that names it to glvnd.",
             f"echo '{ICD}' > /usr/share/glvnd/egl_vendor.d/10_nvidia.json",
         )
     return None
 
 
-def fallen_to_software(renderer: str) -> str:
+def explain_software_fallback(renderer: str) -> str:
     """Say that a GL_RENDERER is software though there is an NVIDIA GPU, and why; "" where that is not so."""
     if not is_software(renderer) or not NVIDIA.exists():
         return ""
-    found = hindrance() or Hindrance("nothing is seen to be missing.", "ask `zbuf-occlude doctor`")
+    found = find_gl_problem() or GlProblem("nothing is seen to be missing.", "ask `zbuf-occlude doctor`")
     return f"OpenGL runs in software ({renderer}), though /dev/nvidiactl is there: {found.cause} Fix: {found.fix}"

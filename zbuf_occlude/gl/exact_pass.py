@@ -14,7 +14,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.tiles import Unit
-from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
 MAX_LEVELS = 9
 """Of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
@@ -58,7 +58,7 @@ EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)]
 
 
 @dataclass(frozen=True)
-class Shape:
+class WorkGroup:
     """How work is cut for the hardware; no answer depends on it."""
 
     threads: int  # of a work group
@@ -72,29 +72,29 @@ class Shape:
         return self.threads // self.strands * self.per_thread
 
 
-Shapes = tuple[tuple[float, Shape], ...]
+Shapes = tuple[tuple[float, WorkGroup], ...]
 """Points a face from which on a shape is the best, and the shape; the last from 0 on."""
 
-SOFTWARE: Shapes = ((0.4, Shape(8, 16, 1, 24)), (0.05, Shape(8, 1, 2, 24)), (0.0, Shape(8, 1, 8, 24)))
+SOFTWARE: Shapes = ((0.4, WorkGroup(8, 16, 1, 24)), (0.05, WorkGroup(8, 1, 2, 24)), (0.0, WorkGroup(8, 1, 8, 24)))
 """For llvmpipe: one vector to a group, and many points per thread to make up for its slow shared memory."""
 
 HARDWARE: Shapes = (
-    (20.0, Shape(32, 2, 1, 16)),
-    (4.0, Shape(32, 1, 1, 16)),
-    (0.7, Shape(32, 1, 2, 16)),
-    (0.05, Shape(32, 1, 8, 16)),
-    (0.0, Shape(32, 1, 32, 16)),
+    (20.0, WorkGroup(32, 2, 1, 16)),
+    (4.0, WorkGroup(32, 1, 1, 16)),
+    (0.7, WorkGroup(32, 1, 2, 16)),
+    (0.05, WorkGroup(32, 1, 8, 16)),
+    (0.0, WorkGroup(32, 1, 32, 16)),
 )
 """For a GPU: one warp to a group, little shared memory so that many groups are in flight, and the packets for which
 the fewest operations were counted: small ones where points are sparse, or each would look at too many faces."""
 
 
-def best_shape(shapes: Shapes, n_points: int, n_faces: int) -> Shape:
+def best_shape(shapes: Shapes, n_points: int, n_faces: int) -> WorkGroup:
     """Choose by how many points come to a face."""
     return next(shape for least, shape in shapes if n_points >= least * n_faces)
 
 
-def shader_constants(shape: Shape, counting: bool) -> dict[str, object]:
+def shader_constants(shape: WorkGroup, counting: bool) -> dict[str, object]:
     """Return the constants of shaders/exact.comp."""
     opened = max(shape.threads // WIDTH, 1)
     return {
@@ -175,14 +175,14 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     packets = np.zeros((n_packets, 8), dtype=np.float32)
     offsets, world = points.view(np.float32), exact_points.view(np.float64).reshape(-1, 4)
     in_unit = unit.centre, unit.scale
-    together(_pack, n_blocks(n_packets, BLOCK), positions, order, size, *in_unit, offsets, world, packets)
+    parallel_for(_pack, n_blocks(n_packets, BLOCK), positions, order, size, *in_unit, offsets, world, packets)
     points[:, 3] = own_places[order].astype(np.uint32)
     exact_points["order"] = order
     exact_points["order"][n:] = NONE
     return PointArrays(points, exact_points, packets)
 
 
-@shared
+@parallel_kernel
 def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, packets):
     """Fill in the geometry of packets: offsets and world get a column more than three, which is left alone."""
     begin, end = take_block(tasks, len(packets), BLOCK)
@@ -238,7 +238,7 @@ class PointPackets:
     """Points on the GPU, in parts that fit into a storage block: which points, packets, buffers."""
 
     n_points: int
-    shape: Shape
+    shape: WorkGroup
     parts: list[tuple[slice, int, Buffers]]
 
     def release(self) -> None:
@@ -313,7 +313,7 @@ class ExactPass:
                 self._answer(program, n_packets, answer[:, :, part])
         return answer
 
-    def _program(self, shape: Shape) -> Any:
+    def _program(self, shape: WorkGroup) -> Any:
         """Return the pass for a shape, which the context compiles when it is first needed."""
         program = self._gl.program("exact.comp", **shader_constants(shape, self._counting))
         program["contact"].value = self._contact * self._unit.scale

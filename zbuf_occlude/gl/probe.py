@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from zbuf_occlude.errors import GlError, OccludeError
 from zbuf_occlude.gl.context import GlContext, egl_fix
-from zbuf_occlude.gl.devices import FIXES, VISIBLE, egl_devices, hindrance, left_by_cuda
+from zbuf_occlude.gl.devices import FIXES, VISIBLE, egl_devices, find_gl_problem, left_by_cuda
 from zbuf_occlude.gl.shaders import compile_program
 
 LIMITS = (
@@ -68,7 +68,7 @@ def probe_all() -> tuple[Probe, ...]:
     if not rows:
         reason = listed.get("reason", "EGL lists no devices.")
         rows = [Probe("egl", None, works=False, reason=reason, fix=egl_fix())]
-    if not any(row.works and not row.is_software for row in rows) and (found := hindrance()) is not None:
+    if not any(row.works and not row.is_software for row in rows) and (found := find_gl_problem()) is not None:
         rows = [replace(row, reason=f"{row.reason} {found.cause}".strip(), fix=found.fix) for row in rows]
     return (*rows, probe("osmesa"))
 

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.geometry.camera import Frusta, cube_faces
-from zbuf_occlude.geometry.predicates import meeting
+from zbuf_occlude.geometry.predicates import ray_triangle_t
 from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
 from zbuf_occlude.gl.shaders import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
-from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
 WINDOW = 16
 """Pixels looked at per ray, 4 x 4."""
@@ -121,11 +121,11 @@ def nearest_of(
     face_ids = np.full(len(origins), -1, dtype=np.int32)
     fractions = np.full(len(origins), np.inf)
     n_tasks = n_blocks(len(origins), BLOCK)
-    together(_choose, n_tasks, candidates, corners, origins, directions, face_ids, fractions)
+    parallel_for(_choose, n_tasks, candidates, corners, origins, directions, face_ids, fractions)
     return face_ids, fractions
 
 
-@shared
+@parallel_kernel
 def _choose(tasks, candidates, corners, origins, directions, face_ids, fractions):
     """Take some rays after others."""
     first, last = take_block(tasks, len(origins), BLOCK)
@@ -136,7 +136,7 @@ def _choose(tasks, candidates, corners, origins, directions, face_ids, fractions
                 if face < 0 or face == face_ids[i]:
                     continue
                 f = corners[face]
-                at, _ = meeting(origins[i], directions[i], f[0], f[1], f[2])
+                at, _ = ray_triangle_t(origins[i], directions[i], f[0], f[1], f[2])
                 if at < fractions[i] or (at == fractions[i] and at < np.inf and face < face_ids[i]):
                     face_ids[i], fractions[i] = face, at
         first, last = take_block(tasks, len(origins), BLOCK)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
-ROOMS = ("", "exact", "geometry", "gl", "jit", "meshes", "object_space", "visibility")
+CACHE_KEY_FOLDERS = ("", "exact", "geometry", "gl", "jit", "meshes", "object_space", "visibility")
 """Folders of the package from which compiled functions take functions and constants of other files."""
 
 _LOG = logging.getLogger(__name__)
@@ -70,11 +70,11 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
     return lambda function: Kernel(function, {"_nrt": False, **options})
 
 
-inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+device_function = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of a function that only compiled functions call. Without its wrappers compiling takes 10 % less."""
-inlined = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+always_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """The same, for what LLVM copies into its callers."""
-merged = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inline_ir = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """The same, for what has one caller, which takes it in before types are inferred: inner functions are optimised anew
 with each outer one. The caller's options become its own, so the caller must not count references either."""
 
@@ -189,12 +189,12 @@ def _bases() -> Iterator[Path]:
 
 
 def _sources() -> Iterator[bytes]:
-    """Yield what compiled code depends on: the sources of `ROOMS`, and when numba was installed."""
+    """Yield what compiled code depends on: the sources of `CACHE_KEY_FOLDERS`, and when numba was installed."""
     numba = importlib.util.find_spec("numba")
     if numba is not None and numba.origin:
         # its real place: an environment may be reached by a link, too
         yield f"{os.path.realpath(numba.origin)} {os.stat(numba.origin).st_mtime_ns}".encode()
-    for room in ROOMS:
+    for room in CACHE_KEY_FOLDERS:
         for source in sorted((PACKAGE / room).glob("*.py")):
             yield source.name.encode(errors="surrogateescape")
             yield source.read_bytes()

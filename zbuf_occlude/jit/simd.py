@@ -21,7 +21,7 @@ from numba.core.errors import TypingError
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin
 
-from zbuf_occlude.jit.compiler import inlined
+from zbuf_occlude.jit.compiler import always_inline
 
 N_LANES = 16
 ALL = (1 << N_LANES) - 1
@@ -204,7 +204,7 @@ def splat(typing_context, value):
 
 
 @intrinsic
-def numbered(typing_context, vector):
+def tag_lanes(typing_context, vector):
     """The vector with each lane's number in the lane's last four bits: no two lanes are equal."""
 
     def codegen(context, builder, signature, args):
@@ -228,7 +228,7 @@ def _load(result: Any, kind: Any) -> Any:
     return operation
 
 
-number = _load(types.float32, ir.FloatType())
+load_scalar = _load(types.float32, ir.FloatType())
 """The float32 of an array at a flat index."""
 load, load_wide = _load(VECTOR, VECTOR.floats), _load(WIDE, WIDE.floats)
 """The 16, or 32, float32 of an array that begin at a flat index."""
@@ -240,7 +240,7 @@ def _must_be_flat(array: Any) -> None:
 
 
 @intrinsic
-def item(typing_context, array, index):
+def load_unchecked(typing_context, array, index):
     """The number of a C-contiguous array at a flat index, which must not be negative: it is not looked at."""
     _must_be_flat(array)
 
@@ -251,7 +251,7 @@ def item(typing_context, array, index):
 
 
 @intrinsic
-def put_item(typing_context, array, index, value):
+def store_unchecked(typing_context, array, index, value):
     """Write a number to an array likewise."""
     _must_be_flat(array)
 
@@ -365,25 +365,25 @@ count_lanes = _of_mask(lambda builder, mask: builder.ctpop(mask))
 # Three vectors at a time: tuples of 3, one for each axis.
 
 
-@inlined
+@always_inline
 def load3(array, index, stride):
     """Load three vectors, each `stride` numbers after the one before."""
     return load(array, index), load(array, index + stride), load(array, index + 2 * stride)
 
 
-@inlined
+@always_inline
 def load3_wide(array, index, stride):
     """Load three wide vectors likewise."""
     return load_wide(array, index), load_wide(array, index + stride), load_wide(array, index + 2 * stride)
 
 
-@inlined
-def numbers3(array, index, stride):
+@always_inline
+def load_scalar3(array, index, stride):
     """Three numbers likewise."""
-    return number(array, index), number(array, index + stride), number(array, index + 2 * stride)
+    return load_scalar(array, index), load_scalar(array, index + stride), load_scalar(array, index + 2 * stride)
 
 
-@inlined
+@always_inline
 def store3(array, index, stride, vectors):
     """Write three vectors likewise."""
     store(array, index, vectors[0])
@@ -391,19 +391,19 @@ def store3(array, index, stride, vectors):
     store(array, index + 2 * stride, vectors[2])
 
 
-@inlined
+@always_inline
 def splat3(values):
     """Each of three numbers in all lanes."""
     return splat(values[0]), splat(values[1]), splat(values[2])
 
 
-@inlined
+@always_inline
 def dot3(a, b, c):
     """a . b + c"""
     return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
 
 
-@inlined
+@always_inline
 def transform(matrix, x, y, z):
     """Rows 0 to 2 of a 3 x 4 matrix, (12,) float32, times (x, y, z, 1)."""
     return (

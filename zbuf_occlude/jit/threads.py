@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 from zbuf_occlude.jit.compiler import njit
 
-shared = njit(nogil=True, cache=True)
+parallel_kernel = njit(nogil=True, cache=True)
 """Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
 task is left. It allocates nothing, and references to its arrays are not counted."""
 shared_with_memory = njit(nogil=True, cache=True, _nrt=True)
@@ -25,7 +25,7 @@ N_COUNTERS = 4
 
 
 @intrinsic
-def take(typing_context, tasks):
+def next_task(typing_context, tasks):
     """Return the number of the next task: 0, 1, 2, ... over all threads that take from these `tasks`."""
 
     def codegen(context, builder, signature, arguments):
@@ -38,14 +38,14 @@ def take(typing_context, tasks):
 @njit()
 def take_block(tasks, n, size):
     """Return where the next `size` of n things begin and end; the two are equal when none is left."""
-    first = min(take(tasks) * size, n)
+    first = min(next_task(tasks) * size, n)
     return first, min(first + size, n)
 
 
 @njit()
 def take_end(tasks):
     """Return which end this thread takes blocks from, for `take_block_from`: 0, the front, or 1, the back, in turns."""
-    return take(tasks[1:]) & 1
+    return next_task(tasks[1:]) & 1
 
 
 @njit()
@@ -54,16 +54,16 @@ def take_block_from(tasks, end, n, size):
 
     For neighbours that have much in common: two threads share but one pair of them.
     """
-    if take(tasks) * size >= n:
+    if next_task(tasks) * size >= n:
         return n, n
-    block = take(tasks[2 + end :])
+    block = next_task(tasks[2 + end :])
     if end:
         block = (n - 1) // size - block
     return block * size, min((block + 1) * size, n)
 
 
 def n_blocks(n: int, size: int) -> int:
-    """Return how many blocks of `size` n things are, for `together`."""
+    """Return how many blocks of `size` n things are, for `parallel_for`."""
     return -(-n // size)
 
 
@@ -77,7 +77,7 @@ def use_threads(n: int) -> None:
 
 
 @contextmanager
-def alone() -> Iterator[None]:
+def single_threaded() -> Iterator[None]:
     """Start no thread within the block, so that the process may be forked after it."""
     global _most
     before, _most = _most, 1
@@ -97,8 +97,10 @@ def n_threads() -> int:
     return min(_most, most) if _most else most
 
 
-def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Callable[[], Any] | None = None) -> None:
-    """Run a `shared` kernel on this thread, and on others as far as they are free.
+def parallel_for(
+    kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Callable[[], Any] | None = None
+) -> None:
+    """Run a `parallel_kernel` on this thread, and on others as far as they are free.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import shape_and_dtype
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.records import resized
+from zbuf_occlude.dataset.records import pad_or_truncate
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import ArgumentError, DatasetError
 
@@ -150,7 +150,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         rows = slice(start, start + _CLOUDS_AT_ONCE)
         records = source.take(numbers[rows])
         if size is None:
-            positions[rows] = [resized(points, positions.shape[1]) for points in records["data"]]
+            positions[rows] = [pad_or_truncate(points, positions.shape[1]) for points in records["data"]]
         else:
             positions[rows] = records["data"][:, : positions.shape[1]]
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]

@@ -64,8 +64,7 @@ class Confusion:
         """(c,): harmonic mean of precision and recall; NaN for a class that neither is there nor was named."""
         return _ratio(2 * np.diag(self.counts), self.counts.sum(axis=0) + self.counts.sum(axis=1))
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data of all figures; None where one is not defined."""
         columns = {"precision": self.precision, "recall": self.recall, "f1": self.f1}
         return {
@@ -86,7 +85,7 @@ class Confusion:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing from font")  # boxes are drawn; the JSON has the names
             atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
-        atomic.write_json(folder / f"{name}.json", self.document)
+        atomic.write_json(folder / f"{name}.json", self.to_dict())
 
     def draw(self) -> Figure:
         """Return a picture of the confusion matrix: shades are fractions of the true class, numbers are clouds."""

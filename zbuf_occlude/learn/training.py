@@ -73,8 +73,7 @@ class TrainConfig:
         switches = ((self.rotate, Rotate()), (self.rescale, Rescale()), (self.jitter, Jitter()))
         return Compose([transform for wanted, transform in switches if wanted])
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The values as plain data; ``TrainConfig(**document)`` reads them back."""
         return asdict(self)
 
@@ -169,12 +168,12 @@ def train(
             _refuse_another(folder, document, fingerprint, config)
             with _naming(folder / CHECKPOINT):
                 run.restore(document)
-        about: dict[str, Any] = {"config": config.document, "fingerprint": fingerprint}
-        written, finished = time.monotonic(), run.document
+        about: dict[str, Any] = {"config": config.to_dict(), "fingerprint": fingerprint}
+        written, finished = time.monotonic(), run.to_dict()
         try:
             while not run.done:
                 epoch = run.epoch()
-                finished = run.document
+                finished = run.to_dict()
                 progress(epoch)
                 if time.monotonic() - written >= checkpoint_seconds and not run.done:
                     _write(folder / CHECKPOINT, finished | about)
@@ -217,8 +216,7 @@ class _Run:
         since = len(self.history) - (self.best.number if self.best else 0)
         return len(self.history) == self.config.epochs or since >= self.config.patience
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Everything that the next epoch depends on, a copy: that epoch may be interrupted half way."""
         return {
             "weights": deepcopy(self.model.state_dict()),
@@ -346,7 +344,7 @@ def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str, co
     """Raise DatasetError for a folder in which other clouds or another config were used."""
     if document["fingerprint"] != fingerprint:
         theirs = document["config"]
-        different = [name for name, value in config.document.items() if theirs.get(name) != value]
+        different = [name for name, value in config.to_dict().items() if theirs.get(name) != value]
         raise DatasetError(
             f"{folder} must be empty or of this same training; it holds one with other "
             f"{', '.join(different) or 'clouds'}. Choose another folder, or delete it."
@@ -358,7 +356,7 @@ def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str, co
 
 def _fingerprint(config: TrainConfig, training: CloudSet, validation: CloudSet) -> str:
     """Return a digest of all that decides a training's outcome."""
-    digest = hashlib.sha256(repr(sorted(config.document.items())).encode())
+    digest = hashlib.sha256(repr(sorted(config.to_dict().items())).encode())
     for clouds in (training, validation):
         digest.update(repr((clouds.classes, clouds.positions.shape)).encode())
         digest.update(clouds.positions.data)

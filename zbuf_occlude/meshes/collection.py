@@ -14,14 +14,14 @@ from unicodedata import decimal
 import numpy as np
 
 from zbuf_occlude.arrays import as_flag
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_choice, escape_control
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.load import default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
 from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
-from zbuf_occlude.provenance import UNKNOWN, Origin
+from zbuf_occlude.provenance import UNKNOWN, MeshSource
 
 SPLITS = ("train", "val", "test")
 
@@ -51,7 +51,7 @@ class MeshEntry:
         The axis that points up in the file, "z" or "y"; empty without a file.
     unit : str
         Of the file, where a person gave it; the mesh is in metres then.
-    origin : Origin
+    origin : MeshSource
         Of a mesh that is computed; a file's is known when it has been read (`Mesh.origin`).
     """
 
@@ -62,19 +62,19 @@ class MeshEntry:
     path: Path | None = None
     up: str = ""
     unit: str = ""
-    origin: Origin = UNKNOWN
+    origin: MeshSource = UNKNOWN
 
     def __post_init__(self) -> None:
         if self.split not in SPLITS:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
-    def origin_now(self, then: Origin) -> Origin:
+    def origin_now(self, then: MeshSource) -> MeshSource:
         """Return what a mesh made of `then` would be made of now; files that look the same stay closed."""
         if self.path is None:
             return self.origin if self.origin.sha256 else then
         return origin_now(self.path, then)
 
-    def origin_of_failure(self) -> Origin:
+    def origin_of_failure(self) -> MeshSource:
         """Return what shows of a mesh that cannot be used: if it shows something else one day, it may be used then."""
         return self.origin if self.path is None else origin_unread(self.path)
 
@@ -199,21 +199,23 @@ class MeshCollection(Sequence[MeshEntry]):
             tree = tree_at(path)
             layout, (places, said) = recognise(tree)
             if not tree.single:
-                remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
+                remarks.append("; ".join([f"{escape_control(str(path))}: layout {layout.name}", *said]))
             for place in places:
                 file = tree.path_of(place.file)
                 absolute = os.path.abspath(file)
                 if absolute in met:
                     continue
                 met.add(absolute)
-                key = _free(printable(place.key), entries)
+                key = _free(escape_control(place.key), entries)
                 load = (
                     partial(_unreadable, file.parent)
                     if file.name == ALL
                     else _FromFile(file, up or layout.up, unit, key, colors)
                 )
                 up_there = up or layout.up or default_up(file)
-                entries[key] = MeshEntry(key, printable(place.label), place.split, load, file, up_there, unit or "")
+                entries[key] = MeshEntry(
+                    key, escape_control(place.label), place.split, load, file, up_there, unit or ""
+                )
         found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
         return found if labels is None else found.labelled(labels)
 
@@ -230,9 +232,11 @@ class MeshCollection(Sequence[MeshEntry]):
                 f"its first is {labels[0].key!r:.80}, the first mesh {self[0].key!r:.80}."
             )
         entries = [
-            replace(e, label=printable(label.label or e.label), split=label.split or e.split) for e, label in found
+            replace(e, label=escape_control(label.label or e.label), split=label.split or e.split) for e, label in found
         ]
-        said = f"{printable(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
+        said = (
+            f"{escape_control(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
+        )
         if n_unknown:
             said += f"; {n_unknown:,} of its labels are of no mesh"
         return MeshCollection(entries, (*self.remarks, said))
@@ -246,7 +250,7 @@ class MeshCollection(Sequence[MeshEntry]):
         ):
             chosen[what] = set(known) if names is None else {names} if isinstance(names, str) else set(names)
             for name in sorted(chosen[what]):
-                check_word(what, name, known)
+                check_choice(what, name, known)
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":

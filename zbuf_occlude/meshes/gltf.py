@@ -14,7 +14,7 @@ from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Attributes, Data, Json, whole
-from zbuf_occlude.meshes.looks import Look, Textures
+from zbuf_occlude.meshes.looks import PolygonColors, Textures
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 
@@ -43,7 +43,7 @@ class _Part(NamedTuple):
     weights: FloatArray | None = None
 
 
-def read_gltf(data: bytes, files: MeshFiles, *, colors: bool = False) -> tuple[Polygons, Look | None]:
+def read_gltf(data: bytes, files: MeshFiles, *, colors: bool = False) -> tuple[Polygons, PolygonColors | None]:
     """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it, and colours if wanted.
 
     Axes and units are the file's (y up). Triangles come mesh by mesh in the order in which nodes show them, parents
@@ -260,7 +260,7 @@ class _Scene:
             local = _local({name.lower(): values[row].tolist() for name, values in given.items()})
             yield matrix if local is None else matrix @ local
 
-    def look(self, corners: Ints) -> Look:
+    def look(self, corners: Ints) -> PolygonColors:
         """Return the colours of the triangles of `flattened`, whose corners (3 f,) are indices of its vertices.
 
         Linear light, as the standard has it; a primitive without a material is white. Of a texture that cannot be read
@@ -275,7 +275,7 @@ class _Scene:
             texture, factor = _base_color(material)
             if material_id not in numbers:
                 numbers[material_id] = len(materials)
-                about = str(material.get("name", "")), _passing(material)
+                about = str(material.get("name", "")), _transmittance(material)
                 materials.append(Material(factor, *self._image(texture, textures), *about))
             own: FloatArray = np.ones((n_vertices, 3))
             if "COLOR_0" in attributes:
@@ -292,7 +292,7 @@ class _Scene:
         owners, places = np.concatenate(ids), np.concatenate(uvs)[corners]
         # triangles without texture coordinates get their material without its texture
         bare = ~np.isfinite(places).reshape(len(owners), 6).all(axis=1)
-        return Look(
+        return PolygonColors(
             (*materials, *(material._replace(texture=None) for material in materials)),
             np.where(bare, owners + len(materials), owners),
             np.clip(np.nan_to_num(np.concatenate(colors)[corners]), 0.0, 1.0),
@@ -398,7 +398,7 @@ def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]
     return texture, (red, green, blue)
 
 
-def _passing(material: Json) -> float:
+def _transmittance(material: Json) -> float:
     """Return the share of light that a material lets pass: what its alpha leaves, if that is blended, or transmits."""
     factor = [*material.get("pbrMetallicRoughness", {}).get("baseColorFactor", ()), 1.0, 1.0, 1.0, 1.0]
     alpha = float(factor[3]) if material.get("alphaMode") == "BLEND" else 1.0

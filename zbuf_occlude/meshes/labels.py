@@ -11,7 +11,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import Any, TypeVar
 
 from zbuf_occlude.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
-from zbuf_occlude.errors import OptionError, in_words, printable
+from zbuf_occlude.errors import OptionError, describe, escape_control
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
 _KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")
@@ -44,7 +44,7 @@ def read_labels(path: Path) -> list[Label]:
         try:
             data = unpacked(data, path)
         except (OSError, EOFError, zlib.error) as error:
-            raise OptionError(f"labels must be readable gzip; {path}: {in_words(error)}. Is it damaged?") from None
+            raise OptionError(f"labels must be readable gzip; {path}: {describe(error)}. Is it damaged?") from None
     is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
     labels = parse_json(data, path.name) if is_json else parse_csv(data, path.name)
     if not labels:
@@ -73,7 +73,7 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
     columns = parse_document("CSV", data, name)
     key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
     if not key or not (label or split):
-        raise OptionError(f"{printable(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
+        raise OptionError(f"{escape_control(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
     keys, lines = columns[key], columns.lines
     own, synsets, words = (columns.get(column, [""] * len(keys)) for column in (label, "synsetid", split))
     return [
@@ -93,9 +93,9 @@ def parse_json(data: bytes, name: str) -> list[Label]:
     try:
         labels = list(islice(_labels_in(document), MOST_ROWS + 1))
     except (LookupError, TypeError, AttributeError):  # it may be anything
-        raise OptionError(f"{printable(name)} must be {FORMS}; it is JSON of another form.") from None
+        raise OptionError(f"{escape_control(name)} must be {FORMS}; it is JSON of another form.") from None
     if len(labels) > MOST_ROWS:
-        raise OptionError(f"{printable(name)} must hold at most {MOST_ROWS:,} labels; it holds more. Split it.")
+        raise OptionError(f"{escape_control(name)} must hold at most {MOST_ROWS:,} labels; it holds more. Split it.")
     return labels
 
 

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.arrays import LARGEST, FloatArray, as_flag
-from zbuf_occlude.errors import ArgumentError, MeshError, in_words, printable, shown
+from zbuf_occlude.errors import ArgumentError, MeshError, describe, escape_control, shown
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh, check_frame, stood
 from zbuf_occlude.meshes.gltf import read_gltf
-from zbuf_occlude.meshes.looks import Look
+from zbuf_occlude.meshes.looks import PolygonColors
 from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
 from zbuf_occlude.meshes.obj import read_obj, read_obj_look
 from zbuf_occlude.meshes.off import read_off
 from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_look, read_ply_points
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
-from zbuf_occlude.provenance import Origin
+from zbuf_occlude.provenance import MeshSource
 
 _LOG = logging.getLogger(__name__)
 
@@ -30,7 +30,10 @@ READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".ply": read_ply,
     ".stl": read_stl,
 }
-_LOOKS: dict[str, Callable[[bytes, Polygons, MeshFiles], Look]] = {".obj": read_obj_look, ".ply": read_ply_look}
+_LOOKS: dict[str, Callable[[bytes, Polygons, MeshFiles], PolygonColors]] = {
+    ".obj": read_obj_look,
+    ".ply": read_ply_look,
+}
 _GLTF = (".glb", ".gltf")
 SUFFIXES = (*READERS, *_GLTF)
 """Endings of the files that `load_mesh` reads, in lower case."""
@@ -123,7 +126,7 @@ def load_mesh(
         if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # a binary STL begins with any 80 bytes
             data = data.removeprefix(_BYTE_ORDER_MARK)
         try:
-            look: Look | None = None
+            look: PolygonColors | None = None
             if suffix in _GLTF:
                 polygons, look = read_gltf(data, files, colors=colors)
             else:
@@ -136,7 +139,7 @@ def load_mesh(
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
-        raise MeshError(f"{printable(str(path))}: {error}") from None
+        raise MeshError(f"{escape_control(str(path))}: {error}") from None
 
 
 def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
@@ -168,7 +171,7 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
                 "Clean it."
             )
     except MeshError as error:
-        raise MeshError(f"{printable(str(path))}: {error}") from None
+        raise MeshError(f"{escape_control(str(path))}: {error}") from None
     return positions
 
 
@@ -178,7 +181,12 @@ def default_up(path: Path) -> str:
 
 
 def _finished(
-    polygons: Polygons, look: Look | None, name: str, frame: tuple[str, str | None], origin: Origin, colors: bool
+    polygons: Polygons,
+    look: PolygonColors | None,
+    name: str,
+    frame: tuple[str, str | None],
+    origin: MeshSource,
+    colors: bool,
 ) -> Mesh:
     """Cut into triangles, turn z up and to metres from a `frame` of axis and unit, clean."""
     if not (polygons.counts >= 3).any():
@@ -207,7 +215,7 @@ def _finished(
 def warn_of_foreign_lines(path: Path, data: bytes) -> None:
     """Warn of lines in a PLY file's header that were skipped."""
     if path.suffix.lower() == ".ply" and (lines := foreign_lines(data)):
-        shown = printable(lines[0][:60])
+        shown = escape_control(lines[0][:60])
         _LOG.warning("%s: %d lines of its header are none of PLY, and are skipped: %r", path, len(lines), shown)
 
 
@@ -234,7 +242,7 @@ def _table(path: Path, suffix: str) -> FloatArray:
                 heading = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
             table = np.loadtxt(path, delimiter=",", skiprows=int(heading), ndmin=2)
     except (OSError, ValueError) as error:
-        raise MeshError(f"it must be readable as numbers; reading says: {in_words(error)}. Check it.") from None
+        raise MeshError(f"it must be readable as numbers; reading says: {describe(error)}. Check it.") from None
     if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
         raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
     return np.asarray(table[:, :3], dtype=np.float64)

@@ -18,7 +18,7 @@ MOST_TEXELS = 2**27
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF")
 
 
-class Look(NamedTuple):
+class PolygonColors(NamedTuple):
     """Base colours of the p polygons of a file, at their c corners end to end; else as `SurfaceColors`."""
 
     materials: tuple[Material, ...]

@@ -6,9 +6,9 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.errors import MeshError, in_words
+from zbuf_occlude.errors import MeshError, describe
 from zbuf_occlude.limits import memory_allowed
-from zbuf_occlude.provenance import UNKNOWN, Origin, Stamp
+from zbuf_occlude.provenance import UNKNOWN, FileStat, MeshSource
 
 ARCHIVE = ".zip"
 
@@ -19,7 +19,7 @@ class MeshFiles:
     def __init__(self, path: Path) -> None:
         self.folder = path.parent
         self._contents: dict[Path, bytes] = {}
-        self._stamps: list[Stamp] = []
+        self._stamps: list[FileStat] = []
 
     def read(self, path: Path) -> bytes:
         """Return the content of a file; raises as `content_of` does."""
@@ -27,7 +27,7 @@ class MeshFiles:
             try:
                 stamp = _stamp(path, self.folder)
             except (OSError, ValueError):
-                stamp = Stamp(path.name, 0, 0)  # reading it says why
+                stamp = FileStat(path.name, 0, 0)  # reading it says why
             self._contents[path] = content_of(path)
             self._stamps.append(stamp)
         return self._contents[path]
@@ -52,15 +52,15 @@ class MeshFiles:
         raise MeshError(f"{name[:80]!r}: {reason}") from None
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> MeshSource:
         """Of what was read so far."""
         digests = [hashlib.sha256(content).hexdigest() for content in self._contents.values()]
         if len(digests) > 1:
             digests = [hashlib.sha256("\n".join(digests).encode()).hexdigest()]
-        return Origin(digests[0], tuple(self._stamps))
+        return MeshSource(digests[0], tuple(self._stamps))
 
 
-def origin_now(path: Path, then: Origin) -> Origin:
+def origin_now(path: Path, then: MeshSource) -> MeshSource:
     """Return what a mesh made of `then` would be made of now.
 
     That is `then` itself, and nothing is read, where no file changed its size or time. A file that cannot be read has
@@ -79,11 +79,11 @@ def origin_now(path: Path, then: Origin) -> Origin:
     return files.origin
 
 
-def origin_unread(path: Path) -> Origin:
+def origin_unread(path: Path) -> MeshSource:
     """Return what shows of a file without reading it; of glTF its folder too, where buffers may appear."""
     paths = [path, *([path.parent] if path.suffix.lower() in (".gltf", ".glb") else [])]
     try:
-        return Origin("", tuple(_stamp(each, path.parent) for each in paths))
+        return MeshSource("", tuple(_stamp(each, path.parent) for each in paths))
     except (OSError, ValueError):
         return UNKNOWN
 
@@ -164,7 +164,7 @@ def _opened_in(archive: Path, process: int) -> zipfile.ZipFile:
         return zipfile.ZipFile(archive)
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise MeshError(
-            f"{archive}: it must be a ZIP archive; reading says: {in_words(error)}. Is it damaged?"
+            f"{archive}: it must be a ZIP archive; reading says: {describe(error)}. Is it damaged?"
         ) from None
 
 
@@ -197,10 +197,10 @@ def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
     return {name.casefold(): name for name in sorted(_opened(archive).namelist(), reverse=True)}
 
 
-def _stamp(path: Path, folder: Path) -> Stamp:
+def _stamp(path: Path, folder: Path) -> FileStat:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
-    return Stamp(_name_from(path, folder), status.st_size, status.st_mtime_ns)
+    return FileStat(_name_from(path, folder), status.st_size, status.st_mtime_ns)
 
 
 def _name_from(path: Path, folder: Path) -> str:

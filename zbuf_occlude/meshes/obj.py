@@ -9,7 +9,7 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
-from zbuf_occlude.meshes.looks import Look, Textures, in_unit_range
+from zbuf_occlude.meshes.looks import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import Keywords, Lines, unix_lines
@@ -61,10 +61,10 @@ class _Paint(NamedTuple):
     wrap: str = REPEAT
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
-    passing: float = 0.0
+    transmittance: float = 0.0
 
 
-def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
+def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
     """Read the colours of an OBJ file's polygons, as `read_obj` returned them.
 
     A texture (map_Kd) is multiplied by its material's Kd, which counts as white where it is black or not there.
@@ -103,10 +103,13 @@ def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
     colors = None
     if (lines.counts[lines.kinds == _V] >= 6).any():
         colors = np.where(textured[owners, None], 1.0, _colors_of_vertices(lines)[polygons.corners])
-        materials = [m if m.texture is not None else WHITE._replace(name=m.name, passing=m.passing) for m in materials]
+        materials = [
+            m if m.texture is not None else WHITE._replace(name=m.name, transmittance=m.transmittance)
+            for m in materials
+        ]
     scale, offset = (np.array([getattr(place, name) for place in places])[ids][owners] for name in ("scale", "offset"))
     placed = np.where(has_uv[:, None], uv, 0.0) * scale + offset
-    return Look(tuple(materials), ids, colors, placed, lacking=(*lacking, *textures.lacking))
+    return PolygonColors(tuple(materials), ids, colors, placed, lacking=(*lacking, *textures.lacking))
 
 
 def _add(
@@ -118,12 +121,12 @@ def _add(
         texture = textures.get(posixpath.join(paint.folder, paint.texture), lambda: _read_texture(paint, files))
     base = PLAIN if paint.color is None else Material(paint.color)
     plain = len(materials)
-    materials.append(base._replace(name=name, passing=paint.passing))
+    materials.append(base._replace(name=name, transmittance=paint.transmittance))
     places.append(_Paint())
     if texture is None:
         return plain, plain
     factor = paint.color if paint.color is not None and any(paint.color) else WHITE.factor
-    materials.append(Material(factor, texture, (paint.wrap, paint.wrap), name, paint.passing))
+    materials.append(Material(factor, texture, (paint.wrap, paint.wrap), name, paint.transmittance))
     places.append(paint)
     return len(materials) - 1, plain
 
@@ -200,7 +203,7 @@ def _materials_of(text: str, folder: str) -> dict[str, _Paint]:
             paints[current] = paints[current]._replace(color=(red, green, blue))
         elif current is not None and word in ("d", "Tr") and _is_number(rest.split(" ")[-1]):
             stopped = min(max(float(rest.split(" ")[-1]), 0.0), 1.0)  # after -halo, if that is there
-            paints[current] = paints[current]._replace(passing=1.0 - stopped if word == "d" else stopped)
+            paints[current] = paints[current]._replace(transmittance=1.0 - stopped if word == "d" else stopped)
         elif current is not None and word.lower() == "map_kd":
             paints[current] = _with_texture(paints[current], rest)
     return paints

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError, did_you_mean
 from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
-from zbuf_occlude.meshes.looks import Look, Textures, in_unit_range
+from zbuf_occlude.meshes.looks import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 from zbuf_occlude.meshes.text import Lines, as_doubles, runs
@@ -90,7 +90,7 @@ def read_ply_points(data: bytes) -> FloatArray | None:
     return _positions(_read_elements(data)["vertex"])
 
 
-def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
+def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
     """Read the colours of a PLY file's polygons, as `read_ply` returned them.
 
     A texture ("comment TextureFile") where vertices have coordinates in it, else the colours of vertices, else those of
@@ -108,16 +108,16 @@ def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
         texture = textures.get(name, lambda: files.read_named(name))
         if texture is not None:
             uv = np.stack([as_doubles(vertices.scalars[each]) for each in pair], axis=1)
-            return Look((Material(WHITE.factor, texture),), everything, uv=uv[polygons.corners])
+            return PolygonColors((Material(WHITE.factor, texture),), everything, uv=uv[polygons.corners])
     lacking = tuple(textures.lacking)
     if (colors := _colors(elements["vertex"], vertices)) is not None:
-        return Look((WHITE,), everything, colors[polygons.corners], lacking=lacking)
+        return PolygonColors((WHITE,), everything, colors[polygons.corners], lacking=lacking)
     if "face" in columns and _channels(elements["face"]) is not None:
         colors = _colors(elements["face"], columns["face"])
         if colors is not None and len(colors) == len(polygons.counts):
-            return Look((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
+            return PolygonColors((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
         lacking = (*lacking, "colours of faces: they are not read beside strips, or lists of different lengths")
-    return Look((PLAIN,), everything, lacking=lacking)
+    return PolygonColors((PLAIN,), everything, lacking=lacking)
 
 
 def _channels(element: _Element) -> tuple[str, str, str] | None:

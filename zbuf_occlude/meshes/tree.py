@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
 from zbuf_occlude.documents import MOST_BYTES
-from zbuf_occlude.errors import MeshError, printable
+from zbuf_occlude.errors import MeshError, escape_control
 from zbuf_occlude.meshes.load import SUFFIXES
 from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members, n_bytes_of
 
@@ -59,7 +59,7 @@ class Tree:
                 raise MeshError(f"it must have at most {MOST:,} bytes; it has {size:,}. Is it the file of that name?")
             return content_of(place)
         except MeshError as error:
-            raise MeshError(f"{printable(str(path))}: {error}") from None
+            raise MeshError(f"{escape_control(str(path))}: {error}") from None
 
     def named(self, file: PurePosixPath) -> PurePosixPath:
         """Return the absolute name of one of the files."""
@@ -90,16 +90,19 @@ def tree_at(path: Path) -> Tree:
         if files and all(len(file.parts) > 1 and file.parts[0] == wrapper for file in files):
             tree = Tree(tree.root / wrapper, path / wrapper, tuple(PurePosixPath(*file.parts[1:]) for file in files))
     elif not os.path.exists(path) and archive_of(path) is None:
-        raise MeshError(f"{printable(str(path))}: there is no such file or folder. Check the path.")
+        raise MeshError(f"{escape_control(str(path))}: there is no such file or folder. Check the path.")
     elif path.suffix.lower() not in SUFFIXES:
         raise MeshError(
-            f"{printable(str(path))}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it."
+            f"{escape_control(str(path))}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. "
+            "Convert it."
         )
     else:
         return Tree(absolute.parent, path.parent, (PurePosixPath(path.name),), single=True)
     if not files:
         what = "an archive" if is_archive else "a folder"
-        raise MeshError(f"{printable(str(path))}: {what} must have meshes in it ({', '.join(SUFFIXES)}); it has none.")
+        raise MeshError(
+            f"{escape_control(str(path))}: {what} must have meshes in it ({', '.join(SUFFIXES)}); it has none."
+        )
     return tree
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.threads import shared, take, together
+from zbuf_occlude.jit.threads import next_task, parallel_for, parallel_kernel
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
 
 NO_DISTANCES = np.empty(0)
@@ -55,7 +55,7 @@ def hidden_points(
     Faces are taken in the mesh's order: neither sorted nor kept from one point to the next.
     """
     hidden, n_tests = np.zeros(len(positions), dtype=np.bool_), np.zeros(len(positions), dtype=np.int64)
-    together(
+    parallel_for(
         _search,
         len(positions),
         faces.planes,
@@ -73,11 +73,11 @@ def hidden_points(
     return hidden, int(n_tests.sum())
 
 
-@shared
+@parallel_kernel
 def _search(tasks, planes, sides, edges, face_labels, positions, labels, eye, contact, distances, hidden, n_tests):
     """Take point after point."""
     cull = len(distances) > 0
-    i = take(tasks)
+    i = next_task(tasks)
     while i < len(positions):
         p = (positions[i, 0], positions[i, 1], positions[i, 2])
         u = (eye[0] - p[0], eye[1] - p[1], eye[2] - p[2])
@@ -94,7 +94,7 @@ def _search(tasks, planes, sides, edges, face_labels, positions, labels, eye, co
                 hidden[i] = True
                 break
         n_tests[i] = tests
-        i = take(tasks)
+        i = next_task(tasks)
 
 
 @njit

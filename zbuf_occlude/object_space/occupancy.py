@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, parallel_for, shared_with_memory, take_block
 
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
@@ -110,7 +110,7 @@ def _walk_all(
 ) -> BoolArray:
     """Whether each walk from one of the starts, (c, 3), to an eye is blocked, (c,); all in cells."""
     blocked = np.zeros(len(starts), dtype=np.bool_)
-    together(_walk_blocks, n_blocks(len(starts), BLOCK), occupied, starts, eye, touching, run, blocked)
+    parallel_for(_walk_blocks, n_blocks(len(starts), BLOCK), occupied, starts, eye, touching, run, blocked)
     return blocked
 
 

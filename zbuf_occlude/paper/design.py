@@ -145,8 +145,7 @@ class Size:
     views: int = 25  # of the 25 of 4.3; 5: each elevation once, each azimuth once
     method_models: tuple[str, ...] = ("voxnet", "pointnet", "threedmfv")  # that methods of HSR are compared by
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The values as JSON has them."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 

@@ -22,7 +22,7 @@ from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import MANIFEST
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.presets import MODELNET8, plan_of_originals, seventy_five_each, two_hundred
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import DatasetError, GlError, MeshError, OptionError, UnavailableError
@@ -59,10 +59,10 @@ from zbuf_occlude.paper.design import (
 from zbuf_occlude.paper.figures import PLANES, cells_as_mesh, degrees, make_mask, projected_areas
 from zbuf_occlude.paper.real_scans import layout_of, read_objects, read_scans, resampled
 from zbuf_occlude.paper.results import AREAS, Trial
-from zbuf_occlude.provenance import Origin, seed_of
+from zbuf_occlude.provenance import MeshSource, seed_of
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views, modelnet8, paper100
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
@@ -130,8 +130,8 @@ def voxel_surface(load: Callable[[], Mesh], n: int) -> Mesh:
     return replace(surface, name=mesh.name, origin=_voxel_origin(mesh.origin, n))
 
 
-def _voxel_origin(of: Origin, n: int) -> Origin:
-    return Origin.of_recipe("voxels", n, of.sha256) if of.sha256 else of
+def _voxel_origin(of: MeshSource, n: int) -> MeshSource:
+    return MeshSource.of_recipe("voxels", n, of.sha256) if of.sha256 else of
 
 
 def _paper_objects(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
@@ -240,7 +240,7 @@ class Elevation(Experiment):
     def plans(self) -> dict[str, Plan]:
         """Return the plan of the dataset of 4.1."""
         size = self.size
-        recipe = Recipe(
+        recipe = DatasetConfig(
             method=MAIN.method,
             views="paper100",
             n_points=size.elevation_sampled,
@@ -378,7 +378,7 @@ class Augmentation(Experiment):
     def plan(self, method: Subject) -> Plan:
         """Return the plan of the occluded clouds by a method."""
         size, views = self.size, modelnet8()
-        recipe = Recipe(
+        recipe = DatasetConfig(
             method=method.method,
             method_options=method.options,
             views="modelnet8",
@@ -499,17 +499,17 @@ class Realism(Experiment):
         views = f"random:{self.size.views}@{ELEVATIONS}"
         common: dict[str, Any] = {"method": "exact", "views": views, "sample_size": self.size.n_points[-1]}
         if kind == UNIFORM:
-            return Plan(self.meshes, Recipe(**common, n_points=self.size.sampled))
+            return Plan(self.meshes, DatasetConfig(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
         near = kind == TWO_EYES
-        setup = Setup(
-            make(TRIANGULATING if near else SENSOR).document,
+        setup = ScanConfig(
+            make(TRIANGULATING if near else SENSOR).to_dict(),
             range=NEAR_RANGE if near else RANGE,
             size={"*": NEAR_METRES if near else METRES},
             method=default_caster(),
             **scene,
         )
-        return Plan(self.meshes, Recipe(**common, scanning=setup.document))
+        return Plan(self.meshes, DatasetConfig(**common, scanning=setup.to_dict()))
 
     def of(self, kind: str, count: str, split: str) -> CloudSet:
         """Return the clouds of a kind, a way to count points (one of `COUNTS`), and a split."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.dataset.records import draw, fit
+from zbuf_occlude.dataset.records import draw, unit_box_transform
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.extras import importing
@@ -26,7 +26,7 @@ def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.floa
     Points repeat only where there are fewer.
     """
     chosen = np.asarray(points[draw(np.arange(len(points)), n_points, np.random.default_rng(seed_of(0, name)))], float)
-    centre, factor = fit(chosen)
+    centre, factor = unit_box_transform(chosen)
     return np.asarray((chosen - centre) * factor, np.float32)
 
 
@@ -256,7 +256,7 @@ class LabelledBox(NamedTuple):
     rotation: FloatArray  # (3, 3), box to the points' frame; its axes are length, width, height
     size: FloatArray  # (3,), length, width, height
 
-    def holds(self, points: FloatArray) -> BoolArray:
+    def contains(self, points: FloatArray) -> BoolArray:
         """Which points (n, 3) lie in the box, its sides included."""
         local = (points - self.centre) @ self.rotation
         return np.asarray((np.abs(local) <= self.size / 2.0).all(axis=1))
@@ -320,7 +320,7 @@ def _crops(root: Path, layout: SweepLayout) -> Iterator[tuple[str, bool, FloatAr
         for number, box in enumerate(sweep.boxes):
             if box.label in layout.left_out:
                 continue
-            mine = points[box.holds(points)]
+            mine = points[box.contains(points)]
             if len(mine) >= LEAST_POINTS:
                 yield f"{sweep.name}/{number}", box.label in layout.cars, mine
 

@@ -113,7 +113,7 @@ def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
     path = folder / STUDY
     if path.exists():
         study = read_study(folder)
-        mine = {**size.document, "objects": objects}
+        mine = {**size.to_dict(), "objects": objects}
         theirs = {**study["size"], "objects": study["objects"]}
         if different := [name for name in mine if theirs.get(name) != mine[name]]:
             raise DatasetError(
@@ -124,7 +124,7 @@ def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
     if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers([folder])):
         raise DatasetError(f"{folder} must be empty or hold a study; it has other files. Choose another folder.")
     folder.mkdir(parents=True, exist_ok=True)
-    study = {"size": size.document, "objects": objects, "date": date.today().isoformat()}
+    study = {"size": size.to_dict(), "objects": objects, "date": date.today().isoformat()}
     study |= {"missing_methods": {}, "failed_meshes": {}}
     atomic.write_json(path, study)
     return study
@@ -208,7 +208,7 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
     document = {
         "experiment": trial.experiment,
         "facts": dict(trial.facts),
-        "config": trained.config.document,
+        "config": trained.config.to_dict(),
         "n_training": len(training),
         "n_objects": len(np.unique(training.object_ids)),
         "n_validation": len(validation),

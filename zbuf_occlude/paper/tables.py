@@ -8,7 +8,7 @@ from typing import NamedTuple
 from zbuf_occlude import shapes
 from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
 from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, wrong_outside
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_finished, sorted_out
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, partition_files, read_finished
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.load import load_mesh
@@ -248,7 +248,7 @@ def row_of(folder: Path) -> DatasetRow:
     Raises DatasetError where there is no complete dataset in the folder.
     """
     plan, manifest = read_finished(folder)
-    own, _ = sorted_out(folder, plan)
+    own, _ = partition_files(folder, plan)
     beside = (CONTACT_SHEET, GALLERY)
     files = [folder / name for name in own if not (name in beside or name.startswith(GROUPS) or name.endswith("/"))]
     megabytes = sum(path.stat().st_size for path in files) / 1e6

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.documents import Number, line, parse_document, read_limited
-from zbuf_occlude.errors import DatasetError, MeshError, OptionError, check_word, printable
+from zbuf_occlude.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, check_choice, escape_control
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import load_mesh
@@ -75,7 +75,7 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     OptionError
         Not readable, or not what it should be; the message says what.
     """
-    document, where = parse_document("JSON", read_limited(path), path), printable(str(path))
+    document, where = parse_document("JSON", read_limited(path), path), escape_control(str(path))
     objects = document.get("objects") if isinstance(document, dict) else None
     if not isinstance(objects, list):
         raise OptionError(f"{where} must be {FORM}; it has no list of objects.")
@@ -100,8 +100,10 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
             f"a scene must be {FORM}; this has no mesh or position. No mesh is needed of a {', '.join(ROAD_USERS)}."
         )
     for name in given:
-        check_word("a key of an object", name, KNOWN)
-    found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
+        check_choice("a key of an object", name, KNOWN)
+    found = {
+        name: (NUMBERS[name].read if name in NUMBERS else parse_line)(name, value) for name, value in given.items()
+    }
     check_frame(found.get("up"), None)
     found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
     if builtin:
@@ -128,7 +130,7 @@ def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[
 def placed_of(
     objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
 ) -> list[Placed]:
-    """Load a scene's meshes and put them in their places; `transparent` is as of a `Setup`.
+    """Load a scene's meshes and put them in their places; `transparent` is as of a `ScanConfig`.
 
     Raises
     ------
@@ -198,7 +200,7 @@ class Pool:
         A name of `zbuf_occlude.scenes.kinds.KINDS`.
     seed : SeedSequence
     transparent : mapping of str to float or None
-        As of a `Setup`.
+        As of a `ScanConfig`.
     """
 
     def __init__(

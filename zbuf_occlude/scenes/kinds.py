@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 GROUND_HALF = 150.0
 """The ground ends this far from the target, metres."""
@@ -38,7 +38,7 @@ _SIDES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class SceneRequest:
     """What a scene is made for.
 
     target : Placed
@@ -63,24 +63,24 @@ class Asked:
     pool: Callable[[float], tuple[Mesh, str]]
 
 
-class Arranged(NamedTuple):
+class SceneLayout(NamedTuple):
     """A scene's objects, the target first, and the share of the target that was to be hidden (0 where none was)."""
 
     placed: list[Placed]
     wanted: float = 0.0
 
 
-def none(asked: Asked, rng: np.random.Generator) -> Arranged:
+def none(asked: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     """Return the target alone."""
-    return Arranged([asked.target])
+    return SceneLayout([asked.target])
 
 
-def ground(asked: Asked, rng: np.random.Generator) -> Arranged:
+def ground(asked: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     """Return the target on a plane."""
-    return Arranged([asked.target, _ground(asked)])
+    return SceneLayout([asked.target, _ground(asked)])
 
 
-def street(asked: Asked, rng: np.random.Generator) -> Arranged:
+def street(asked: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     """Return the target among objects, poles and a wall; some of them before it, so that a share of it is hidden."""
     wanted, before = _hidden_by(asked, rng, box_mesh(5.2, 2.0, 2.3), "van")
     placed = [asked.target, _ground(asked), *before]
@@ -101,10 +101,10 @@ def street(asked: Asked, rng: np.random.Generator) -> Arranged:
         placed += [replace(each, is_background=is_pole) for each in found]
     wall = moved(yaw=float(np.arctan2(across[1], across[0])), to=[*(rng.uniform(24.0, 30.0) * along[:2]), asked.floor])
     placed.append(Placed(box_mesh(80.0, 0.3, 4.0), "wall", wall, is_background=True))
-    return Arranged(placed, wanted)
+    return SceneLayout(placed, wanted)
 
 
-def room(asked: Asked, rng: np.random.Generator) -> Arranged:
+def room(asked: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     """Return the target in a room with furniture: floor, four walls about target and sensor, ceiling."""
     wanted, before = _hidden_by(asked, rng, box_mesh(1.2, 0.1, 1.8), "screen")
     along, across = _frame(asked)
@@ -126,7 +126,7 @@ def room(asked: Asked, rng: np.random.Generator) -> Arranged:
         mesh, label = asked.pool(rng.random())
         if _radius(mesh.bounds) <= aside - 0.2 and np.ptp(mesh.bounds, axis=0)[2] <= height:
             placed += _at_a_free_place(mesh, label, draw, taken, 0.0, asked, rng)
-    return Arranged(placed, wanted)
+    return SceneLayout(placed, wanted)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class Kind:
 
     name: str
     summary: str
-    arrange: Callable[[Asked, np.random.Generator], Arranged]
+    arrange: Callable[[SceneRequest, np.random.Generator], SceneLayout]
     sensor_height: float | None = None
     share: tuple[float, float] | None = None
     most: int = 1
@@ -163,7 +163,7 @@ KINDS: tuple[Kind, ...] = (
 """The LiDAR's heights: HDL-64E's on KITTI's car; assumed of a room."""
 
 
-def _hidden_by(asked: Asked, rng: np.random.Generator, last: Mesh, label: str) -> tuple[float, list[Placed]]:
+def _hidden_by(asked: SceneRequest, rng: np.random.Generator, last: Mesh, label: str) -> tuple[float, list[Placed]]:
     """Objects before the target that hide a share drawn from the range asked for; and that share."""
     low, high = asked.share or (0.0, 0.0)
     wanted = float(rng.uniform(low, high))
@@ -207,7 +207,7 @@ def _at_a_free_place(
     draw: Callable[[float], FloatArray | None],
     taken: list[tuple[FloatArray, float]],
     gap: float,
-    asked: Asked,
+    asked: SceneRequest,
     rng: np.random.Generator,
 ) -> list[Placed]:
     """Try ten drawn places for a mesh; return it at the first that keeps a gap to those taken, and take that."""
@@ -227,11 +227,11 @@ def _radius(positions: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(positions, axis=0)[:2])) / 2
 
 
-def _ground(asked: Asked) -> Placed:
+def _ground(asked: SceneRequest) -> Placed:
     return Placed(plate_mesh(GROUND_HALF), "ground", moved(to=(0.0, 0.0, asked.floor)), is_background=True)
 
 
-def _frame(asked: Asked) -> tuple[FloatArray, FloatArray]:
+def _frame(asked: SceneRequest) -> tuple[FloatArray, FloatArray]:
     """Unit vectors on the ground: from the sensor past the target, and across that to the left."""
     away = -asked.eye * [1.0, 1.0, 0.0]
     length = float(np.linalg.norm(away))
@@ -240,7 +240,7 @@ def _frame(asked: Asked) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=32)
-def ready(mesh: Mesh) -> Occluder:
+def ready(mesh: Mesh) -> VisibilityQuery:
     """Make a mesh ready, once for all scenes that it stands in; `METHOD` has nothing to close."""
     return prepare(mesh, METHOD)
 

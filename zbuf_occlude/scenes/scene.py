@@ -16,7 +16,7 @@ from zbuf_occlude.arrays import (
     as_number,
     as_numbers,
     as_vector,
-    frozen,
+    readonly_copy,
 )
 from zbuf_occlude.errors import ArgumentError, shown
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -70,7 +70,7 @@ class Placed:
             as_number(albedo, f"albedo of {self.label}", "a number in [0, 1]", lambda share: 0.0 <= share <= 1.0)
         velocity = as_vector(self.velocity, f"velocity of {self.label}")
         as_number(self.turn, f"turn of {self.label}", "a number, degrees a second")
-        vars(self).update(pose=frozen(pose), velocity=frozen(velocity))
+        vars(self).update(pose=readonly_copy(pose), velocity=readonly_copy(velocity))
 
     @property
     def moves(self) -> bool:
@@ -109,9 +109,9 @@ class Scene:
         Of each object.
     placed : tuple of Placed, optional
         Each object by itself, where that is known; in `mesh` those that move are where they are at time 0.
-    passing : (f,) float, optional
-        Share of the light that each face lets pass, as the colours of its mesh say (`SurfaceColors.passing`); none by
-        default.
+    transmittance : (f,) float, optional
+        Share of the light that each face lets pass, as the colours of its mesh say (`SurfaceColors.transmittance`);
+        none by default.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class Scene:
     labels: tuple[str, ...]
     albedos: FloatArray
     placed: tuple[Placed, ...] = ()
-    passing: FloatArray | None = None
+    transmittance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -134,11 +134,13 @@ class Scene:
                 f"instances must be one per face ({len(self.mesh.faces)}) and albedos one per label "
                 f"({len(self.labels)}); got {len(instances)} and {len(self.albedos)}."
             )
-        passing = self.passing
-        if passing is not None and not (len(passing) == len(instances) and ((passing >= 0) & (passing <= 1)).all()):
-            raise ArgumentError(f"passing must be a share in [0, 1] per face ({len(instances)}); it is not.")
-        passing = None if passing is None or not passing.any() else frozen(passing)
-        vars(self).update(instances=frozen(instances), passing=passing)
+        transmittance = self.transmittance
+        if transmittance is not None and not (
+            len(transmittance) == len(instances) and ((transmittance >= 0) & (transmittance <= 1)).all()
+        ):
+            raise ArgumentError(f"transmittance must be a share in [0, 1] per face ({len(instances)}); it is not.")
+        transmittance = None if transmittance is None or not transmittance.any() else readonly_copy(transmittance)
+        vars(self).update(instances=readonly_copy(instances), transmittance=transmittance)
 
     def __repr__(self) -> str:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
@@ -154,7 +156,7 @@ class Scene:
         """
         mesh = as_mesh(mesh)
         _check_label(label)
-        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), (), _passing([mesh]))
+        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), (), _transmittance([mesh]))
 
     @classmethod
     def joined(
@@ -187,8 +189,8 @@ class Scene:
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
         drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
-        passing = _passing([placed[i].mesh for i in taken])
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), passing)
+        transmittance = _transmittance([placed[i].mesh for i in taken])
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), transmittance)
 
     @cached_property
     def moving(self) -> dict[int, Placed]:
@@ -196,9 +198,9 @@ class Scene:
         return {i: each for i, each in enumerate(self.placed) if each.moves and (self.instances == i).any()}
 
     @property
-    def is_plain(self) -> bool:
+    def is_opaque_and_static(self) -> bool:
         """Whether nothing moves or lets light pass."""
-        return not self.moving and self.passing is None
+        return not self.moving and self.transmittance is None
 
 
 def _check_label(label: str) -> None:
@@ -206,8 +208,8 @@ def _check_label(label: str) -> None:
         raise ArgumentError(f"a label must be a word; got {shown(label)}.")
 
 
-def _passing(meshes: Sequence[Mesh]) -> FloatArray:
-    return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.passing for m in meshes])
+def _transmittance(meshes: Sequence[Mesh]) -> FloatArray:
+    return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.transmittance for m in meshes])
 
 
 def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:

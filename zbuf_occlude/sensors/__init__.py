@@ -11,13 +11,13 @@ from zbuf_occlude.sensors.catalog import SENSORS, make
 from zbuf_occlude.sensors.frames import Frame, frames, write_frames
 from zbuf_occlude.sensors.motion import Motion, read_trajectory
 from zbuf_occlude.sensors.scanning import Scan, look_at, scan
-from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
+from zbuf_occlude.sensors.sensor import NoiseModel, Rays, Sensor
 
 __all__ = [
     "SENSORS",
     "Frame",
-    "Imperfections",
     "Motion",
+    "NoiseModel",
     "Rays",
     "Scan",
     "Sensor",

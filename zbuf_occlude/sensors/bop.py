@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import ArgumentError, printable, shown
+from zbuf_occlude.errors import ArgumentError, escape_control, shown
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
@@ -19,7 +19,7 @@ from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, frames, 
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import check_views
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 BACKGROUND = ("ground", "room", "wall")
 """Labels that by default have no model."""
@@ -122,7 +122,7 @@ def write_bop(
     if not (
         isinstance(split, str)
         and split
-        and Path(split).name == printable(split) == split
+        and Path(split).name == escape_control(split) == split
         and split not in ("..", "models")
         and len(split) <= LONGEST_NAME
     ):
@@ -153,7 +153,7 @@ class _Object(NamedTuple):
     obj_id: int
     pose: FloatArray
     bounds: FloatArray
-    alone: Occluder
+    alone: VisibilityQuery
 
 
 class BopWriter:
@@ -272,7 +272,7 @@ def _pose(frame: Frame, to_world: FloatArray, name: str) -> dict[str, list[float
     return {f"cam_R_{name}": (rotation @ to_world[:3, :3]).ravel().tolist(), f"cam_t_{name}": moved.tolist()}
 
 
-def silhouette(occluder: Occluder, bounds: FloatArray, frame: Frame) -> BoolArray:
+def silhouette(occluder: VisibilityQuery, bounds: FloatArray, frame: Frame) -> BoolArray:
     """Return which pixels of three by three pictures (3 h, 3 w), the frame's in the middle, show a mesh alone."""
     height, width = frame.depth.shape
     found = np.zeros((3 * height, 3 * width), dtype=bool)

@@ -16,7 +16,7 @@ from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.views import Views
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 WIDTH, HEIGHT = 1242, 375
 FOCAL, CENTRE = 721.5377, (609.5593, 172.854)
@@ -33,14 +33,14 @@ column and row in the picture, last ones, also of what others hide; share of its
 its pixels that lie outside. Where the picture has nothing of it, `truncated` is 1 and `window` 0."""
 
 
-def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray, found: Scan) -> tuple[NDArray[Any], Bytes]:
+def boxes_of(scene: Scene, occluder: VisibilityQuery, pose: FloatArray, found: Scan) -> tuple[NDArray[Any], Bytes]:
     """Return the boxes (o,) of a scene's objects, as `BOX`, and the picture (375, 1242), grey; none of background.
 
     Parameters
     ----------
     scene : Scene
         Of objects whose poses do not scale.
-    occluder : Occluder
+    occluder : VisibilityQuery
         The scene made ready.
     pose : (4, 4) float
         LiDAR to world.

@@ -14,15 +14,15 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.contents import placed_of
-from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Arranged, Asked
+from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, SceneLayout, SceneRequest
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.scanning import Scan, faultless, imperfect, look_at, measured_ranges, pose_of_camera
+from zbuf_occlude.sensors.scanning import Scan, apply_noise, faultless, look_at, measured_ranges, pose_of_camera
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 Pool = Callable[[float], tuple[Mesh, str]]
 """Returns an object of the surroundings by a number in [0, 1): a mesh standing on z = 0, in metres, and its class."""
@@ -58,7 +58,7 @@ class Capture:
         All returns before the sensor's limits, losses and noise.
     scene : Scene
         What the rays met; of `keep` other than "all" only what may stand near them.
-    occluder : Occluder
+    occluder : VisibilityQuery
         The scene's, still open until the next capture.
     pose : (4, 4) float
         Sensor to world.
@@ -73,7 +73,7 @@ class Capture:
     scan: Scan
     returns: Scan
     scene: Scene
-    occluder: Occluder
+    occluder: VisibilityQuery
     pose: FloatArray
     wanted: float = 0.0
     hidden: float = 0.0
@@ -81,7 +81,7 @@ class Capture:
     cut: Cut = field(default_factory=Cut)
 
 
-def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
+def in_metres(mesh: Mesh, label: str, setup: ScanConfig) -> tuple[Mesh, float]:
     """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side."""
     if mesh.longest_side == 0.0:
         raise MeshError(f"a mesh must have an extent to be scanned; all vertices of {mesh.name} coincide.")
@@ -91,7 +91,7 @@ def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
     return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name, colors=colors), size
 
 
-def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
+def sensor_places(views: Views, size: float, floor: float, setup: ScanConfig, seeds: Seeds) -> Views:
     """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
     Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
@@ -122,14 +122,14 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 
 
-def n_raised(views: Views, places: Views, setup: Setup) -> int:
+def n_raised(views: Views, places: Views, setup: ScanConfig) -> int:
     """Count the cameras of some views that `sensor_places` has raised above the ground."""
     if views.rotations is not None or setup.height is not None:
         return 0
     return int((places.elevation > views.elevation).sum())
 
 
-def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
+def captures(mesh: Mesh, setup: ScanConfig, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
     The occluder of a capture is open until the next one is asked for.
@@ -138,7 +138,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
     itself = Scene.joined([target])
     with prepare_scene(itself, setup.method) as alone:
 
-        def captured(scene: Scene, occluder: Occluder, view: int) -> Capture:
+        def captured(scene: Scene, occluder: VisibilityQuery, view: int) -> Capture:
             sensor, pose = setup.sensor_of(places, view), poses[view]
             returns = faultless(
                 scene,
@@ -148,9 +148,9 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
                 occluder=occluder,
                 towards=_region(mesh, setup),
                 target=alone if setup.keep == "target" and occluder is not alone else None,
-                motion=setup.made_motion,
+                motion=setup.motion_model,
             )
-            found = imperfect(returns, sensor, generator(seeds("scan", view)))
+            found = apply_noise(returns, sensor, generator(seeds("scan", view)))
             kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
             return Capture(found.select(kept), returns, scene, occluder, pose, cut=_cut(returns, sensor, mesh, pose))
 
@@ -180,7 +180,9 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
-def captured_scenes(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Scene]:
+def captured_scenes(
+    mesh: Mesh, setup: ScanConfig, places: Views, floor: float, seeds: Seeds, pool: Pool
+) -> Iterator[Scene]:
     """Yield the whole scene of each view, as `captures` draws it; the same object where all views have the same."""
     target = Placed(mesh, "target")
     if setup.share is None:
@@ -196,7 +198,7 @@ def captured_scenes(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds
 
 
 def _showing(
-    itself: Scene, alone: Occluder, places: Views, setup: Setup, seeds: Seeds
+    itself: Scene, alone: VisibilityQuery, places: Views, setup: ScanConfig, seeds: Seeds
 ) -> tuple[SurfacePoints, BoolArray]:
     """Return points of a target, and which of them each place sees (k, n), were it alone."""
     points = sample_surface(itself.mesh, n_points=N_POINTS, seed=seeds("points", 0))
@@ -205,22 +207,24 @@ def _showing(
 
 def _arranged(
     target: Placed,
-    setup: Setup,
+    setup: ScanConfig,
     places: Views,
     floor: float,
     seeds: Seeds,
     pool: Pool,
     view: int,
     seen: FloatArray = _NOWHERE,
-) -> Arranged:
+) -> SceneLayout:
     """Put objects around a target for a view that would see these positions of it alone."""
-    asked = Asked(target, places.eyes[view], floor, seen, setup.share, pool)
+    asked = SceneRequest(target, places.eyes[view], floor, seen, setup.share, pool)
     found = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", view)))
     of_file = placed_of([dict(each) for each in setup.objects], floor, setup.transparent)
     return found._replace(placed=found.placed + of_file)
 
 
-def _visible(scene: Scene, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
+def _visible(
+    scene: Scene, occluder: VisibilityQuery, points: SurfacePoints, eyes: FloatArray, setup: ScanConfig
+) -> BoolArray:
     """Which points of a scene's target each eye sees, by `METHOD`; `occluder` is by the method of the scans.
 
     The target is the first of a scene: its faces have the same numbers there.
@@ -234,21 +238,21 @@ def _hidden(left: BoolArray) -> float:
     return 1.0 - float(left.mean()) if left.size else 0.0
 
 
-def _region(mesh: Mesh, setup: Setup) -> FloatArray | None:
+def _region(mesh: Mesh, setup: ScanConfig) -> FloatArray | None:
     """The corners of a box that all points kept lie in; None where there is none."""
     if setup.keep == "all":
         return None
     return mesh.bounds if setup.box is None else _reach(mesh, setup) * np.array([[-1.0], [1.0]]) * np.ones(3)
 
 
-def _poses(places: Views, setup: Setup) -> list[FloatArray]:
+def _poses(places: Views, setup: ScanConfig) -> list[FloatArray]:
     """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it, rolled."""
     if setup.is_level:
         return [look_at(eye, [0.0, 0.0, eye[2]]) for eye in places.eyes]
     return [pose_of_camera(matrix) for matrix in places.poses]
 
 
-def _reach(mesh: Mesh, setup: Setup) -> float:
+def _reach(mesh: Mesh, setup: ScanConfig) -> float:
     """How far from the origin anything is kept."""
     half = mesh.diagonal / 2
     if setup.box is None:
@@ -256,11 +260,11 @@ def _reach(mesh: Mesh, setup: Setup) -> float:
     return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
 
 
-def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> BoolArray:
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: ScanConfig) -> BoolArray:
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
-    sensor = setup.made_sensor
+    sensor = setup.sensor_model
     spread = sensor.rays().spread
     reach += spread  # rays are taken to begin at the eye, and all else to be larger by as far as they do not
     if distance <= reach or setup.motion is not None or len(sensor.imperfections.second_eyes):
@@ -287,7 +291,7 @@ def _cut(returns: Scan, sensor: Sensor, mesh: Mesh, pose: FloatArray) -> Cut:
     return Cut(len(measured), n_near, n_far, faults.range_min - float(at @ axis) - nearest)
 
 
-def _kept(found: Scan, mesh: Mesh, setup: Setup, rng: np.random.Generator) -> BoolArray:
+def _kept(found: Scan, mesh: Mesh, setup: ScanConfig, rng: np.random.Generator) -> BoolArray:
     if setup.keep == "all":
         return np.ones(len(found), dtype=bool)
     if setup.box is None:

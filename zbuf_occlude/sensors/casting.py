@@ -13,13 +13,13 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.scenes.scene import Placed, Scene
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 MOST_PANES = 32
 """Of an object, so many one behind the other let light pass; the next are not met."""
 
 
-def prepare_scene(scene: Scene, method: str, **options: Any) -> Occluder:
+def prepare_scene(scene: Scene, method: str, **options: Any) -> VisibilityQuery:
     """Make a scene ready for `scan`: as its mesh is where all stands still and is opaque, else in parts.
 
     Raises
@@ -27,7 +27,9 @@ def prepare_scene(scene: Scene, method: str, **options: Any) -> Occluder:
     OptionError, UnavailableError, GlError
         As `zbuf_occlude.prepare`.
     """
-    occluder = prepare(scene.mesh, method, **options) if scene.is_plain else SceneInParts(scene, method, **options)
+    occluder = (
+        prepare(scene.mesh, method, **options) if scene.is_opaque_and_static else DynamicScene(scene, method, **options)
+    )
     occluder.contact_given = True  # a ray has no contact tolerance
     return occluder
 
@@ -35,13 +37,13 @@ def prepare_scene(scene: Scene, method: str, **options: Any) -> Occluder:
 class _Part(NamedTuple):
     """Faces of a scene that keep their places to each other."""
 
-    occluder: Occluder
+    occluder: VisibilityQuery
     face_ids: NDArray[np.intp]  # of the scene's mesh, ascending
     drive: Placed | None  # how they move
     is_pane: bool  # whether they let light pass
 
 
-class SceneInParts(Occluder):
+class DynamicScene(VisibilityQuery):
     """A scene asked in parts: each object that moves by itself, in its own frame; faces that let light pass too.
 
     A ray that is cast at some time meets an object that has moved since time 0 where the ray, moved back likewise,
@@ -50,9 +52,9 @@ class SceneInParts(Occluder):
 
     def __init__(self, scene: Scene, method: str, **options: Any) -> None:
         super().__init__(scene.mesh)
-        self._prepare: Callable[[Mesh], Occluder] = lambda mesh: prepare(mesh, method, **options)
+        self._prepare: Callable[[Mesh], VisibilityQuery] = lambda mesh: prepare(mesh, method, **options)
         owners = np.where(np.isin(scene.instances, list(scene.moving)), scene.instances, -1)
-        panes = np.zeros(len(owners), dtype=bool) if scene.passing is None else scene.passing > 0.0
+        panes = np.zeros(len(owners), dtype=bool) if scene.transmittance is None else scene.transmittance > 0.0
         self._solid = np.flatnonzero(~panes)
         self._parts = [
             self._part(np.flatnonzero((owners == owner) & (panes == is_pane)), scene.moving.get(owner), is_pane)
@@ -106,12 +108,12 @@ class SceneInParts(Occluder):
             self._at_start.occluder.close()
 
 
-def cast(occluder: Occluder, origins: FloatArray, directions: FloatArray, times: FloatArray | None) -> FirstHits:
+def cast(occluder: VisibilityQuery, origins: FloatArray, directions: FloatArray, times: FloatArray | None) -> FirstHits:
     """Return what n rays meet of what `prepare_scene` returned, (n, l): each face until an opaque one ends the ray.
 
     `times` (n,) are seconds; None: all are cast at once. Where there are fewer, -1 and infinity follow.
     """
-    if isinstance(occluder, SceneInParts):
+    if isinstance(occluder, DynamicScene):
         return occluder.layers(origins, directions, np.zeros(len(directions)) if times is None else times)
     face_ids, distances = occluder.first_hits(origins, directions)
     return FirstHits(face_ids[:, None], distances[:, None])

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.documents import Number, line, parse_document, read_limited
-from zbuf_occlude.errors import ArgumentError, OccludeError, OptionError, check_word, printable
-from zbuf_occlude.sensors.sensor import KINDS, Imperfections, Sensor, numbers_of
+from zbuf_occlude.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
+from zbuf_occlude.sensors.sensor import KINDS, NoiseModel, Sensor, numbers_of
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
@@ -34,7 +34,7 @@ class SensorRow(NamedTuple):
         """Return the sensor."""
         values = {name: value for name, (value, _) in self.numbers.items()}
         pattern = {name: value for name, value in values.items() if name in numbers_of(self.kind)}
-        faults = Imperfections(**{name: value for name, value in values.items() if name not in pattern})
+        faults = NoiseModel(**{name: value for name, value in values.items() if name not in pattern})
         sources = {name: source for name, (_, source) in self.numbers.items()}
         return Sensor(self.name, self.kind, pattern, faults, self.summary, sources)
 
@@ -71,7 +71,7 @@ def make(name: str | Path | Sensor, /, **numbers: Any) -> Sensor:
         sensor = read_sensor(Path(name)).sensor()
     else:
         name, _, typed = name.partition(":")
-        check_word("sensor", name, [*SENSORS, "a .yaml or .csv file"])
+        check_choice("sensor", name, [*SENSORS, "a .yaml or .csv file"])
         sensor = SENSORS[name]
         for setting in filter(None, typed.split(",")):
             key, equals, value = setting.partition("=")
@@ -99,25 +99,25 @@ def read_sensor(path: Path) -> SensorRow:
     try:
         row.sensor().rays()
     except OccludeError as error:
-        raise OptionError(f"{printable(str(path))}: {error}") from None
+        raise OptionError(f"{escape_control(str(path))}: {error}") from None
     return row
 
 
 def _of_yaml(path: Path, data: bytes) -> SensorRow:
-    given, where = parse_document("YAML", data, path), printable(str(path))
+    given, where = parse_document("YAML", data, path), escape_control(str(path))
     if not isinstance(given, dict) or "kind" not in given:
         raise OptionError(f"{where} must have a line `kind:` and a sensor's numbers; see docs/sensors.md.")
     told = {"kind": "", "name": path.stem, "summary": f"from {path.name}", "source": path.name}
-    told = {name: line(f"{name} in {where}", given.pop(name, default)) for name, default in told.items()}
-    check_word(f"kind in {where}", told["kind"], KINDS)
-    known = [*numbers_of(told["kind"]), *(each.name for each in fields(Imperfections))]
+    told = {name: parse_line(f"{name} in {where}", given.pop(name, default)) for name, default in told.items()}
+    check_choice(f"kind in {where}", told["kind"], KINDS)
+    known = [*numbers_of(told["kind"]), *(each.name for each in fields(NoiseModel))]
     for name in given:
-        check_word(f"a number in {where}", name, known)
+        check_choice(f"a number in {where}", name, known)
     return SensorRow(told["name"], told["kind"], told["summary"], _from(told["source"], **given))
 
 
 def _of_csv(path: Path, data: bytes) -> SensorRow:
-    columns, where = parse_document("CSV", data, path), printable(str(path))
+    columns, where = parse_document("CSV", data, path), escape_control(str(path))
     wanted = next((names for names in (ANGLES, VECTORS) if set(names) <= set(columns)), None)
     if wanted is None:
         found = ", ".join(columns)

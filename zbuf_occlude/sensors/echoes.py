@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.sensors.casting import cast
-from zbuf_occlude.sensors.sensor import Imperfections, Rays
-from zbuf_occlude.visibility.interface import FirstHits, Occluder
+from zbuf_occlude.sensors.sensor import NoiseModel, Rays
+from zbuf_occlude.visibility.interface import FirstHits, VisibilityQuery
 
 _CROSS = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 _SPREAD = 0.5
@@ -31,13 +31,13 @@ class Echoes(NamedTuple):
         return Echoes._make(each[which] for each in self)
 
 
-def _light(hits: FirstHits, passing: FloatArray) -> tuple[FirstHits, FloatArray, FloatArray]:
+def _light(hits: FirstHits, transmittance: FloatArray) -> tuple[FirstHits, FloatArray, FloatArray]:
     """Return hits (n, r, l), the share of a ray's light that meets each, and what comes back of it.
 
     A face that lets the share T pass is met by the share 1 - T of the light that reaches it. On its way back light
     loses as much again.
     """
-    through = np.where(hits.face_ids >= 0, passing[hits.face_ids], 1.0)
+    through = np.where(hits.face_ids >= 0, transmittance[hits.face_ids], 1.0)
     reaching = np.concatenate([np.ones_like(through[..., :1]), np.cumprod(through[..., :-1], axis=2)], axis=2)
     meeting = reaching * (1.0 - through)
     lit = meeting > 0.0
@@ -45,16 +45,16 @@ def _light(hits: FirstHits, passing: FloatArray) -> tuple[FirstHits, FloatArray,
     return hits, meeting, meeting * reaching
 
 
-def echoes_of(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> Echoes:
+def echoes_of(hits: FirstHits, faults: NoiseModel, transmittance: FloatArray | None) -> Echoes:
     """Return what comes back of each beam of r rays that met l faces each, (n, r, l): near surfaces run together.
 
-    Of what is apart one is kept, or all; a return's share is that of the beam's light that met it. `passing` (f,) is
-    the share that faces let pass.
+    Of separate surfaces one is kept, or all. A return's share is that of the beam's light that met it. `transmittance`
+    (f,) is the share of light that faces let pass.
     """
     n_beams, n_rays, n_layers = hits.face_ids.shape
     light: list[Any] = []
-    if passing is not None:
-        hits, *light = _light(hits, passing)
+    if transmittance is not None:
+        hits, *light = _light(hits, transmittance)
     elif n_rays == n_layers == 1:
         some = np.flatnonzero(hits.face_ids[:, 0, 0] >= 0)
         ones, wholes = np.ones(len(some), dtype=np.int32), np.ones(len(some))
@@ -105,7 +105,7 @@ def echoes_of(hits: FirstHits, faults: Imperfections, passing: FloatArray | None
 
 
 def cast_beams(
-    occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: Imperfections
+    occluder: VisibilityQuery, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: NoiseModel
 ) -> FirstHits:
     """What each beam's rays meet, (n, 5, l), or (n, 1, l) without divergence; l is 1 where all faces are opaque."""
     by_ring = np.argsort(rays.rings, kind="stable")  # neighbours follow each other: up to twenty times as fast to cast

@@ -6,8 +6,8 @@ import numpy as np
 
 from zbuf_occlude.sensors.capture import Capture
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.scanning import Scan, faultless, limited, measured_ranges
-from zbuf_occlude.sensors.sensor import Imperfections, Sensor
+from zbuf_occlude.sensors.scanning import Scan, clip_range, faultless, measured_ranges
+from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 
 EYES = ("baseline", "baseline_incidence_max", "window")
 """The numbers of a second eye."""
@@ -26,12 +26,12 @@ def why_empty(capture: Capture, sensor: Sensor, method: str, of_all: bool = Fals
     returns = _of(capture.returns, of_all)
     is_of_one_eye = not len(returns) and len(faults.second_eyes) > 0
     if is_of_one_eye:
-        one_eye = sensor.with_numbers(**{name: getattr(Imperfections, name) for name in EYES})
+        one_eye = sensor.with_numbers(**{name: getattr(NoiseModel, name) for name in EYES})
         rotation, origin = capture.pose[:3, :3], capture.pose[:3, 3]
         with prepare_scene(scene, method) as occluder:
             returns = _of(faultless(scene, one_eye, rotation, origin, occluder=occluder), of_all)
     if not len(returns):
-        if scene.passing is not None and (scene.passing[scene.instances == 0] == 1.0).all():
+        if scene.transmittance is not None and (scene.transmittance[scene.instances == 0] == 1.0).all():
             return Emptiness("the object lets all light pass", "Give --transparent a share below 1.")
         if capture.hidden == 1.0:
             return Emptiness("other objects hide it", "Look from elsewhere, or lower --hidden.")
@@ -49,7 +49,7 @@ def why_empty(capture: Capture, sensor: Sensor, method: str, of_all: bool = Fals
         too = " or ".join(f"too {side}" for side in sides)
         reason = f"all of it that rays meet is {too} for {sensor.name}, which measures at {reach}"
         return Emptiness(reason, cure[0].upper() + cure[1:])
-    if not len(limited(returns, faults)):
+    if not len(clip_range(returns, faults)):
         least = float(np.degrees(returns.incidences[~(near | far)].min()))
         return Emptiness(
             f"all of it that rays meet within {reach} is steeper than {sensor.name} measures, "

@@ -25,7 +25,7 @@ from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import MOST_PIXELS, check_views
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 WIDTH, HEIGHT = 640, 480
 MARGIN = 1.05
@@ -153,7 +153,7 @@ def frames(
     height: int | None = None,
     fov: float | None = None,
     method: str = "exact",
-    occluder: Occluder | None = None,
+    occluder: VisibilityQuery | None = None,
     colors: bool = False,
     **options: Any,
 ) -> Iterator[Frame]:
@@ -173,7 +173,7 @@ def frames(
     method : str
         Who casts the rays: a name of the table `METHODS` that can. ``exact``: on the processor, without error;
         ``depth_buffer``: on the GPU.
-    occluder : Occluder, optional
+    occluder : VisibilityQuery, optional
         The mesh made ready already.
     colors : bool
         Read base colours too, of what has them.
@@ -220,7 +220,9 @@ def frames(
     return drawn()
 
 
-def frame_at(scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> Frame:
+def frame_at(
+    scene: Scene, occluder: VisibilityQuery, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
+) -> Frame:
     """Cast a ray through each pixel (h, w) that may show the mesh; `matrix` is K, `pose` the view matrix."""
     mesh, colors, eye = scene.mesh, None, -pose[:3, :3].T @ pose[:3, 3]
     depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_flag, as_number, as_numbers, as_vector, sealed, shape_and_dtype
+from zbuf_occlude.arrays import FloatArray, as_flag, as_number, as_numbers, as_vector, set_readonly, shape_and_dtype
 from zbuf_occlude.documents import read_limited
-from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
+from zbuf_occlude.errors import ArgumentError, DatasetError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors.sensor import Rays
 
@@ -48,7 +48,7 @@ class Motion:
     deskew: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", sealed(as_vector(self.velocity, "velocity")))
+        object.__setattr__(self, "velocity", set_readonly(as_vector(self.velocity, "velocity")))
         as_number(self.turn, "turn", "a number, degrees a second")
         object.__setattr__(self, "deskew", as_flag(self.deskew, "deskew"))
         if self.trajectory is None:
@@ -65,7 +65,7 @@ class Motion:
         if fault := _fault(rows):
             raise ArgumentError(f"trajectory {fault}.")
         unit = np.concatenate([rows[:, :4], unit_quaternions(rows[:, 4:])], axis=1)
-        object.__setattr__(self, "trajectory", sealed(unit))
+        object.__setattr__(self, "trajectory", set_readonly(unit))
 
     def unlike(self, rays: Rays) -> str:
         """Say how much longer or shorter a trajectory is than the sweep of these rays; empty where it is as long."""
@@ -149,7 +149,7 @@ def read_trajectory(path: str | Path) -> FloatArray:
     (2, 8)
     """
     path = Path(path)
-    name = printable(str(path))
+    name = escape_control(str(path))
     try:
         lines = read_limited(path).decode("utf-8", "replace").splitlines()
         rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
@@ -160,4 +160,4 @@ def read_trajectory(path: str | Path) -> FloatArray:
             raise ValueError(fault)
         return found
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{name}: cannot read a trajectory: {printable(in_words(error))}") from None
+        raise DatasetError(f"{name}: cannot read a trajectory: {escape_control(describe(error))}") from None

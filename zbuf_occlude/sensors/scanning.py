@@ -19,14 +19,14 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
-from zbuf_occlude.sensors.casting import SceneInParts, prepare_scene, turned_with
+from zbuf_occlude.sensors.casting import DynamicScene, prepare_scene, turned_with
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.echoes import cast_beams, echoes_of, square_to, unit_vectors
 from zbuf_occlude.sensors.motion import Motion
-from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
+from zbuf_occlude.sensors.sensor import STEEPEST, NoiseModel, Rays, Sensor
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import METHODS, check_keywords, find_method
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 CASTERS = ("exact", "embree", "oracle")
 """Who casts rays unless a method is named: the first of these that can here."""
@@ -183,9 +183,9 @@ def scan(
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
-    occluder: Occluder | None = None,
+    occluder: VisibilityQuery | None = None,
     towards: ArrayLike | None = None,
-    target: Occluder | None = None,
+    target: VisibilityQuery | None = None,
     **options: Any,
 ) -> Scan:
     """Scan a scene.
@@ -221,12 +221,12 @@ def scan(
         The same seed gives the same scan, byte for byte.
     method : str, optional
         Who casts the rays; by default the first of `CASTERS` that can.
-    occluder : Occluder, optional
+    occluder : VisibilityQuery, optional
         The scene made ready already (`casting.prepare_scene`): where nothing in it moves, its mesh.
     towards : (2, 3) float, optional
         Lower and upper corner of a box in the world: only beams that may meet it are cast; the rest are taken to
         return nothing. A sensor that moves casts all.
-    target : Occluder, optional
+    target : VisibilityQuery, optional
         A part of the scene that stands still, made ready by itself: only beams are cast of which a ray would meet it,
         were it alone. So all its points are there, and few others.
     **options
@@ -260,8 +260,8 @@ def scan(
     if options:
         check_keywords(scan, method or default_caster(), options)
     for part, given in (("occluder", occluder), ("target", target)):
-        if given is not None and not isinstance(given, Occluder):
-            raise ArgumentError(f"{part} must be an Occluder, made by prepare; got {type(given).__name__}.")
+        if given is not None and not isinstance(given, VisibilityQuery):
+            raise ArgumentError(f"{part} must be an VisibilityQuery, made by prepare; got {type(given).__name__}.")
     sensor = make(sensor)
     if not isinstance(transparent, Mapping | None):
         raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(transparent).__name__}.")
@@ -270,7 +270,7 @@ def scan(
             raise ArgumentError(f"give size or unit, not both; got {size} and {unit!r}. A size needs no unit.")
         mesh = as_mesh(scene, up=up, unit=unit, colors=transparent is not None)
         scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
-        if transparent and scene.passing is None:
+        if transparent and scene.transmittance is None:
             raise ArgumentError(no_windows("transparent", mesh))
     elif any(each is not None for each in (size, up, unit, transparent)):
         raise ArgumentError("size, up, unit and transparent are for a mesh; a scene has its own. Leave them out.")
@@ -285,7 +285,7 @@ def scan(
     rotation, origin = matrix[:3, :3], matrix[:3, 3]
     asked: dict[str, Any] = {"motion": motion, "occluder": occluder, "towards": towards, "target": target, **options}
     rng = generator(seed)
-    return imperfect(faultless(scene, sensor, rotation, origin, method=method, **asked), sensor, rng)
+    return apply_noise(faultless(scene, sensor, rotation, origin, method=method, **asked), sensor, rng)
 
 
 def faultless(
@@ -296,12 +296,12 @@ def faultless(
     *,
     motion: Motion | None = None,
     method: str | None = None,
-    occluder: Occluder | None = None,
+    occluder: VisibilityQuery | None = None,
     towards: ArrayLike | None = None,
-    target: Occluder | None = None,
+    target: VisibilityQuery | None = None,
     **options: Any,
 ) -> Scan:
-    """Return all returns of a scan before limits, losses and noise (`imperfect`); the rest is as of `scan`."""
+    """Return all returns of a scan before limits, losses and noise (`apply_noise`); the rest is as of `scan`."""
     rays = at_rest = sensor.rays()
     if motion is not None and not isinstance(motion, Motion):
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
@@ -326,7 +326,7 @@ def faultless(
     name = default_caster() if method is None else method
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
-        if not (scene.is_plain or isinstance(opened, SceneInParts)):
+        if not (scene.is_opaque_and_static or isinstance(opened, DynamicScene)):
             raise ArgumentError("occluder of a scene that moves or has windows must be of prepare_scene. Leave it out.")
         opened.check_is_of(scene.mesh)
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
@@ -434,12 +434,12 @@ def _may_meet(
 
 
 def _returns(
-    scene: Scene, occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, sensor: Sensor
+    scene: Scene, occluder: VisibilityQuery, rays: Rays, rotation: FloatArray, origin: FloatArray, sensor: Sensor
 ) -> tuple[Scan, NDArray[np.intp]]:
     """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
     hits = cast_beams(occluder, rays, rotation, origin, sensor.imperfections)
-    found = echoes_of(hits, sensor.imperfections, scene.passing)
+    found = echoes_of(hits, sensor.imperfections, scene.transmittance)
     offsets = _offsets(rays, rotation)
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
@@ -500,7 +500,7 @@ def _offsets(rays: Rays, rotation: FloatArray) -> FloatArray:
 
 
 def _seen_twice(
-    occluder: Occluder,
+    occluder: VisibilityQuery,
     mesh: Mesh,
     points: FloatArray,
     face_ids: IntArray,
@@ -545,7 +545,7 @@ EYES_AT_A_TIME = 16
 """Of a sensor whose eyes move: so many share a question, about the points of all of them."""
 
 
-def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+def seen_from(occluder: VisibilityQuery, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return which of the points (n,) are visible, each from an eye of its own (n, 3); few eyes may differ."""
     unique, eye_of = np.unique(eyes, axis=0, return_inverse=True)
     order = np.argsort(eye_of.reshape(-1), kind="stable")
@@ -558,21 +558,21 @@ def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> Bo
     return seen
 
 
-def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
+def apply_noise(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
     """Apply everything that a sensor gets wrong along and across its rays; with noise=0 only the limits of range."""
     faults = sensor.imperfections
-    scan = limited(scan, faults)
+    scan = clip_range(scan, faults)
     if not faults.noise:
         return scan
     scan = without_edges(scan, faults, rng)
-    scan = dropped(scan, faults, rng)
-    scan = detected(scan, faults, rng)
+    scan = apply_dropout(scan, faults, rng)
+    scan = apply_detection(scan, faults, rng)
     scan = noisy(scan, faults, rng)
     scan = blurred(scan, sensor, rng)
     return quantised(scan, faults)
 
 
-def limited(scan: Scan, faults: Imperfections) -> Scan:
+def clip_range(scan: Scan, faults: NoiseModel) -> Scan:
     """Leave out what is nearer than `range_min`, farther than `range_max`, or steeper than `incidence_max`."""
     measured = measured_ranges(scan, faults)
     kept = (measured >= faults.range_min) & (measured <= faults.range_max)
@@ -581,7 +581,7 @@ def limited(scan: Scan, faults: Imperfections) -> Scan:
     return scan if kept.all() else scan.select(kept)
 
 
-def dropped(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+def apply_dropout(scan: Scan, faults: NoiseModel, rng: np.random.Generator) -> Scan:
     """Lose returns at random: a share of all, and of weak ones the more the weaker the signal."""
     if not (faults.drop or faults.drop_zero):
         return scan
@@ -593,7 +593,7 @@ def dropped(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan
     return scan.select(rng.random(len(scan)) >= lost)
 
 
-def detected(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+def apply_detection(scan: Scan, faults: NoiseModel, rng: np.random.Generator) -> Scan:
     """Lose the returns that fade below what the sensor detects: dark, steep and far ones."""
     if not faults.reach:
         return scan
@@ -618,7 +618,7 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
         return np.asarray(np.exp(-((np.asarray(ranges) / reach) ** 2) / signals))
 
 
-def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+def noisy(scan: Scan, faults: NoiseModel, rng: np.random.Generator) -> Scan:
     """Add normal noise to the ranges; of an axial sensor to the depths."""
     sigma = faults.range_sigma(measured_ranges(scan, faults), scan.incidences)
     if not sigma.any():
@@ -640,7 +640,7 @@ def blurred(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
     return replace(scan, directions=unit_vectors(scan.directions + sigma[:, None] * shift))
 
 
-def quantised(scan: Scan, faults: Imperfections) -> Scan:
+def quantised(scan: Scan, faults: NoiseModel) -> Scan:
     """Round ranges to multiples of `step`, inverse ones to multiples of `disparity_step`; depths of an axial sensor."""
     if not (faults.step or faults.disparity_step):
         return scan
@@ -654,7 +654,7 @@ def quantised(scan: Scan, faults: Imperfections) -> Scan:
     return replace(scan, ranges=np.maximum(measured / per_range, 1e-6))
 
 
-def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+def without_edges(scan: Scan, faults: NoiseModel, rng: np.random.Generator) -> Scan:
     """Lose a share of the pixels beside which the depth, of the nearest echo, jumps, or nothing returns."""
     if not faults.edge_loss or not len(scan):
         return scan
@@ -671,6 +671,6 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     return scan.select(~edge | (rng.random(len(scan)) >= faults.edge_loss))
 
 
-def measured_ranges(scan: Scan, faults: Imperfections) -> FloatArray:
+def measured_ranges(scan: Scan, faults: NoiseModel) -> FloatArray:
     """Return what the sensor measures (n,), without noise: ranges, or of an axial sensor depths."""
     return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen, sealed
-from zbuf_occlude.documents import Number, flag, line
-from zbuf_occlude.errors import ArgumentError, OptionError, check_word
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, readonly_copy, set_readonly
+from zbuf_occlude.documents import Number, parse_bool, parse_line
+from zbuf_occlude.errors import ArgumentError, OptionError, check_choice
 
 MOST_RAYS = 8_500_000
 """A mistyped number must not fill the memory."""
@@ -60,13 +60,15 @@ class Rays:
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
         if not (lengths > 0).all():
             raise ArgumentError(f"directions must have a length; row {int(lengths.argmin())} is zero. Leave it out.")
-        checked: dict[str, NDArray[Any]] = {"directions": sealed(directions / lengths)}
+        checked: dict[str, NDArray[Any]] = {"directions": set_readonly(directions / lengths)}
         for name in ("rings", "columns"):
-            checked[name] = frozen(as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max))
+            checked[name] = readonly_copy(
+                as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max)
+            )
         if self.origins is not None:
-            checked["origins"] = sealed(as_vectors(self.origins, "origins"))
+            checked["origins"] = set_readonly(as_vectors(self.origins, "origins"))
         if self.times is not None:
-            checked["times"] = times = sealed(np.asarray(self.times, dtype=np.float64))
+            checked["times"] = times = set_readonly(np.asarray(self.times, dtype=np.float64))
             if times.ndim != 1:
                 raise ArgumentError(f"times must be one number per direction ({len(directions)}); got {times.shape}.")
             if not np.isfinite(times).all():
@@ -304,7 +306,7 @@ def _number(name: str, value: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Imperfections:
+class NoiseModel:
     """What a sensor gets wrong. The defaults are those of a sensor without fault; lengths in metres.
 
     Parameters
@@ -384,8 +386,8 @@ class Imperfections:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        check_word("returns", self.returns, RETURNS)
-        object.__setattr__(self, "axial", flag("axial of a sensor", self.axial))
+        check_choice("returns", self.returns, RETURNS)
+        object.__setattr__(self, "axial", parse_bool("axial of a sensor", self.axial))
         for name in filter(NUMBERS.get, vars(self)):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         if not self.range_min < self.range_max:
@@ -426,7 +428,7 @@ class Sensor:
         One of `KINDS`.
     pattern : mapping
         The numbers of that kind.
-    imperfections : Imperfections
+    imperfections : NoiseModel
     sources : mapping of a number's name to words
 
     Raises
@@ -438,17 +440,17 @@ class Sensor:
     name: str
     kind: str
     pattern: Mapping[str, Any]
-    imperfections: Imperfections = field(default_factory=Imperfections)
+    imperfections: NoiseModel = field(default_factory=NoiseModel)
     summary: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        line("a sensor's name", self.name)
-        check_word("kind", self.kind, KINDS)
+        parse_line("a sensor's name", self.name)
+        check_choice("kind", self.kind, KINDS)
         known = numbers_of(self.kind)
         pattern = {name: value for name, value in self.pattern.items() if value is not None}
         for name in pattern:
-            check_word(f"a number of the kind {self.kind}", name, known)
+            check_choice(f"a number of the kind {self.kind}", name, known)
         object.__setattr__(self, "pattern", {name: _number(name, value) for name, value in pattern.items()})
         needed = [name for name, default in known.items() if default is inspect.Parameter.empty]
         if missing := [name for name in needed if name not in self.pattern]:
@@ -545,7 +547,7 @@ class Sensor:
         sources = dict(self.sources)
         known = {**dict.fromkeys(numbers_of(self.kind)), **dict.fromkeys(faults)}
         for name, value in numbers.items():
-            check_word(f"a number of the sensor {self.name}", name, known)
+            check_choice(f"a number of the sensor {self.name}", name, known)
             (faults if name in faults else pattern)[name] = value
             sources[name] = "given by the user"
         if numbers.get("fov") is not None and numbers.get("f") is not None:
@@ -553,22 +555,21 @@ class Sensor:
         for one, other in (("fov", "f"), ("f", "fov")):
             if numbers.get(one) is not None:
                 pattern.pop(other, None)
-        return Sensor(self.name, self.kind, pattern, Imperfections(**faults), self.summary, sources)
+        return Sensor(self.name, self.kind, pattern, NoiseModel(**faults), self.summary, sources)
 
     def numbers(self) -> dict[str, Any]:
         """Return all its numbers by name: of its rays, and of the imperfections those that it has."""
         known = vars(self.imperfections).items()
-        faults = {k: v for k, v in known if v != getattr(Imperfections, k) or k in self.sources}
+        faults = {k: v for k, v in known if v != getattr(NoiseModel, k) or k in self.sources}
         return {**self.pattern, **faults}
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data, for a plan: name, kind and all numbers that are not usual."""
-        faults = {k: v for k, v in vars(self.imperfections).items() if v != getattr(Imperfections, k)}
+        faults = {k: v for k, v in vars(self.imperfections).items() if v != getattr(NoiseModel, k)}
         return {"name": self.name, "kind": self.kind, "pattern": dict(self.pattern), "imperfections": faults}
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> "Sensor":
+    def from_dict(cls, document: Mapping[str, Any]) -> "Sensor":
         """Return the sensor whose `document` this is."""
-        faults = Imperfections(**document["imperfections"])
+        faults = NoiseModel(**document["imperfections"])
         return cls(document["name"], document["kind"], document["pattern"], faults)

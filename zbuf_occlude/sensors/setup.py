@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import as_flag
-from zbuf_occlude.errors import ArgumentError, OptionError, check_word, find_row, shown
+from zbuf_occlude.errors import ArgumentError, OptionError, check_choice, find_row, shown
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes, sizes_of
 from zbuf_occlude.sensors.motion import Motion
@@ -28,13 +28,13 @@ DISTURBANCES = {"shift": 0.0, "rotate": False, "scale": False}
 
 
 @dataclass(frozen=True)
-class Setup:
+class ScanConfig:
     """How scans are made. Everything in it is plain data, so that a plan can keep it.
 
     Parameters
     ----------
     sensor : mapping
-        As `Sensor.document`.
+        As `Sensor.to_dict()`.
     range : (float, float), float, or None
         Metres from the sensor to the middle of the target, drawn from between; on the ground where there is one. None:
         as far as the views say, in multiples of the target's size.
@@ -103,9 +103,9 @@ class Setup:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {shown(self.sensor_height)}."
             )
-        if self.sensor_height is not None and self.made_sensor.is_camera:
+        if self.sensor_height is not None and self.sensor_model.is_camera:
             raise OptionError(
-                f"--sensor-height must be of a LiDAR above the ground; {self.made_sensor.name} is a camera, which is "
+                f"--sensor-height must be of a LiDAR above the ground; {self.sensor_model.name} is a camera, which is "
                 "where --views (or --elevation) and --range say. Leave it out."
             )
         if not isinstance(self.transparent, Mapping):
@@ -117,16 +117,15 @@ class Setup:
                 raise OptionError(
                     f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {shown(name)}={shown(share)}."
                 )
-        if self.made_motion is not None and len(self.made_sensor.imperfections.second_eyes):
+        if self.motion_model is not None and len(self.sensor_model.imperfections.second_eyes):
             raise OptionError(
-                f"a sensor that moves must have one eye; {self.made_sensor.name} has more. Or --set-sensor baseline=0."
+                f"a sensor that moves must have one eye; {self.sensor_model.name} has more. Or --set-sensor baseline=0."
             )
-        if self.made_motion is not None and self.made_sensor.untimed:
-            raise OptionError(self.made_sensor.untimed)
+        if self.motion_model is not None and self.sensor_model.untimed:
+            raise OptionError(self.sensor_model.untimed)
         _ = self.kind, self.box  # read for their errors
 
-    @property
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The fields as plain data; what there was not always only where it is given, so that older plans are equal."""
         return {name: value for name, value in asdict(self).items() if name not in ADDED or value}
 
@@ -136,17 +135,17 @@ class Setup:
         return find_row("scene", "ground" if self.scene == "file" else self.scene, KINDS)
 
     @cached_property
-    def made_sensor(self) -> Sensor:
+    def sensor_model(self) -> Sensor:
         """The sensor."""
-        return Sensor.from_document(self.sensor)
+        return Sensor.from_dict(self.sensor)
 
     @cached_property
-    def made_motion(self) -> Motion | None:
+    def motion_model(self) -> Motion | None:
         """How the sensor moves; None where it stands still."""
         if not isinstance(self.motion, Mapping | None):
             raise ArgumentError(f"motion must be a mapping of what Motion takes; got {type(self.motion).__name__}.")
         for name in self.motion or ():
-            check_word("a key of motion", name, [each.name for each in fields(Motion)])
+            check_choice("a key of motion", name, [each.name for each in fields(Motion)])
         return None if self.motion is None else Motion(**self.motion)
 
     @property
@@ -156,7 +155,7 @@ class Setup:
 
     def sensor_of(self, views: Views, view: int) -> Sensor:
         """Return the sensor of a view: a pinhole has the picture that cameras of a file have, and its pixels."""
-        sensor = self.made_sensor
+        sensor = self.sensor_model
         if views.windows is None or sensor.kind != "pinhole":
             return sensor
         width, height = sensor.pattern["width"], sensor.pattern["height"]
@@ -169,7 +168,7 @@ class Setup:
     def box(self) -> dict[str, Any] | None:
         """How the box that is kept is disturbed; None where none is."""
         word, _, rest = self.keep.partition(":")
-        check_word("keep", word, KEEPS)
+        check_choice("keep", word, KEEPS)
         given: dict[str, Any] = dict(DISTURBANCES)
         for part in filter(None, rest.split(",")):
             match = re.fullmatch(r"(rotate|scale)|shift=(\d*\.?\d+)", part.strip())
@@ -186,7 +185,7 @@ class Setup:
     @property
     def is_level(self) -> bool:
         """Whether the sensor stands level: a LiDAR that spins, over a ground."""
-        return self.height is not None and self.made_sensor.kind == "spinning"
+        return self.height is not None and self.sensor_model.kind == "spinning"
 
     @property
     def most_objects(self) -> int:
@@ -196,7 +195,7 @@ class Setup:
     @property
     def height(self) -> float | None:
         """Of a LiDAR above the ground, metres; None of cameras, and where there is no ground."""
-        if self.made_sensor.is_camera:
+        if self.sensor_model.is_camera:
             return None
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
 

@@ -22,7 +22,7 @@ from zbuf_occlude.shapes.kit import (
 )
 
 
-def rounded(profile: ArrayLike, draw: Draw) -> FloatArray:
+def round_corners(profile: ArrayLike, draw: Draw) -> FloatArray:
     """Return a profile of (radius, z) corners with its corners rounded a little, as glass is."""
     return bent(profile, draw.between(0.03, 0.12), max(2, draw.round(5) - 2))
 
@@ -305,13 +305,13 @@ def _canister(draw: Draw) -> MeshPart:
         return join([skin, collar, base, valve, cuboid((-0.25, -0.05, z + r), (0.1, 0.05, z + r + 0.1))])
     if kind == "pills":
         steps = [(0, 0), (r, 0), (r, 0.75 * h), (0.8 * r, 0.8 * h), (0.8 * r, 0.9 * h)]
-        return revolve(rounded(steps, draw), n) + closure(draw, 0.85 * r, h - 0.1, draw.pick(("screw", "flip")))
+        return revolve(round_corners(steps, draw), n) + closure(draw, 0.85 * r, h - 0.1, draw.pick(("screw", "flip")))
     s = draw.between(0.6, 0.78) * h
     upper = [(0.92 * r, s + 0.02 * h), (0.92 * r, s + 0.05 * h), (0.75 * r, s + 0.07 * h)]
-    parts = [revolve(rounded([(0, 0), (r * draw.between(0.8, 1.1), 0), (r, s), *upper], draw), n)]
+    parts = [revolve(round_corners([(0, 0), (r * draw.between(0.8, 1.1), 0), (r, s), *upper], draw), n)]
     if kind == "thermos":
         cup = [(0.95 * r, s + 0.03 * h), (0.9 * r, s + 0.06 * h), (0.75 * r, 1.02 * h), (0, 1.02 * h)]
-        parts.append(revolve(rounded(cup, draw), n))
+        parts.append(revolve(round_corners(cup, draw), n))
         if draw.chance(0.7):
             parts.append(handle(draw, (r, 0.3 * s), (r, 0.9 * s), draw.between(0.12, 0.4), 0.06))
     elif kind == "baby":
@@ -326,7 +326,7 @@ def _canister(draw: Draw) -> MeshPart:
             parts.append(tube(loop, 0.06, draw.round(8)))
     else:
         cap = [(0.95 * r, s + 0.03 * h), (0.6 * r, 0.95 * h), (0.35 * r, h), (0.35 * r, 1.08 * h), (0, 1.1 * h)]
-        parts.append(revolve(rounded(cap, draw), n))
+        parts.append(revolve(round_corners(cap, draw), n))
     return join(parts)
 
 

@@ -8,10 +8,10 @@ from types import MappingProxyType
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.errors import OptionError, check_int, check_word
+from zbuf_occlude.errors import OptionError, check_choice, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.provenance import Origin
+from zbuf_occlude.provenance import MeshSource
 from zbuf_occlude.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import MeshPart, quartered
@@ -172,11 +172,11 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     )
 
 
-def _origin(label: str, index: int, seed: int, detail: float | None) -> Origin:
-    return Origin.of_recipe("shape", VERSION, label, int(index), int(seed), repr(detail))
+def _origin(label: str, index: int, seed: int, detail: float | None) -> MeshSource:
+    return MeshSource.of_recipe("shape", VERSION, label, int(index), int(seed), repr(detail))
 
 
 def _check(label: str, index: int, seed: int) -> None:
-    check_word("label", label, CLASSES)
+    check_choice("label", label, CLASSES)
     check_int("index", index, 0)
     check_int("seed", seed, 0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.errors import OptionError, check_choice
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.shapes.kit import quad_grid
@@ -170,7 +170,7 @@ def make(name: str, n: int = 48) -> Mesh:
     OptionError
         An unknown name, or n below 4.
     """
-    check_word("formula", name, FORMULAS)
+    check_choice("formula", name, FORMULAS)
     if n < 4:
         raise OptionError(f"n must be at least 4; got {n}.")
     formula = FORMULAS[name]

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.errors import OptionError, check_choice
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.shapes.curves import circle
 from zbuf_occlude.shapes.kit import MeshPart, boxes, cuboid, cylinder, ellipsoid, join, pair, repeated, rod, tube
@@ -57,7 +57,7 @@ def road_user(label: str, sides: Sequence[float] | FloatArray | None = None) -> 
     >>> shapes.road_user("truck", (8.0, 2.5, 3.2)).longest_side
     8.0
     """
-    check_word("label", label, ROAD_USERS)
+    check_choice("label", label, ROAD_USERS)
     sides = USUAL_SIDES[label] if sides is None else sides
     if len(sides) != 3 or not all(0.0 < side < np.inf for side in sides):
         raise OptionError(f"sides must be length, width and height, positive; got {list(sides)}.")

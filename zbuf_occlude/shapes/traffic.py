@@ -14,10 +14,10 @@ from types import MappingProxyType
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import check_int, check_word
+from zbuf_occlude.errors import check_choice, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.provenance import Origin
+from zbuf_occlude.provenance import MeshSource
 from zbuf_occlude.shapes import car
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.families import MEMBERS, split_of
@@ -198,7 +198,7 @@ def make(label: str, index: int, seed: int = 0) -> Mesh:
     >>> 1.0 < shapes.traffic.make("pedestrian", 0).longest_side < 2.0
     True
     """
-    check_word("label", label, CLASSES)
+    check_choice("label", label, CLASSES)
     check_int("index", index, 0)
     check_int("seed", seed, 0)
     number = zlib.crc32(f"road-users/{label}".encode())
@@ -231,5 +231,5 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     )
 
 
-def _origin(label: str, index: int, seed: int) -> Origin:
-    return Origin.of_recipe("road user", VERSION, label, int(index), int(seed))
+def _origin(label: str, index: int, seed: int) -> MeshSource:
+    return MeshSource.of_recipe("road user", VERSION, label, int(index), int(seed))

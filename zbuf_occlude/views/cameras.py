@@ -15,7 +15,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
-from zbuf_occlude.errors import OptionError, in_words, printable
+from zbuf_occlude.errors import OptionError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.views.model import MOST_PIXELS, NOT_A_ROTATION, PAPER_DISTANCE, Views
 
@@ -77,7 +77,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     >>> zo.views.from_csv("views.csv").distance.tolist()
     [3.0]
     """
-    columns, where = parse_document("CSV", read_limited(Path(path)), path), printable(str(path))
+    columns, where = parse_document("CSV", read_limited(Path(path)), path), escape_control(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
         rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return _views(Path(path), rows, _camera_of_row)
@@ -141,7 +141,7 @@ def from_colmap(path: Path) -> Views:
     beside = path.with_name(f"cameras{path.suffix}")
     models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
     if beside.exists() and not models:
-        raise OptionError(f"{printable(str(beside))} must hold cameras; it holds none. Copy it again.")
+        raise OptionError(f"{escape_control(str(beside))} must hold cameras; it holds none. Copy it again.")
     return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
 
 
@@ -156,7 +156,7 @@ def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> 
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         said = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise OptionError(
-            f"{printable(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
+            f"{escape_control(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
             f"({said:.200})."
         ) from None
     eyes, rotations, windows, sizes = (list(each) for each in zip(*cameras, strict=True))
@@ -204,7 +204,7 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     if to_world[3:].tolist() not in ([], [[0.0, 0.0, 0.0, 1.0]]):
         raise ValueError("the last row of transform_matrix must be 0 0 0 1, and is not")
     if (model := frame.get("camera_model", "PINHOLE")) not in (*_FOCALS, "PERSPECTIVE") or frame.get("is_fisheye"):
-        raise ValueError(f"its camera_model {printable(str(model))} is no pinhole; undistort the images first")
+        raise ValueError(f"its camera_model {escape_control(str(model))} is no pinhole; undistort the images first")
     given = {name: kind.read(name, frame[name]) for name, kind in _OF_FRAMES.items() if frame.get(name) is not None}
     if bent := [name for name in _DISTORTION if given.get(name)]:
         raise ValueError(f"{bent[0]} is {given[bent[0]]}, a distortion; undistort the images first")
@@ -254,8 +254,8 @@ def _colmap_rows(path: Path) -> list[list[Any]]:
             lines = [line.split(None, 20) for line in text if not line.startswith("#")]
         return list(filter(None, lines[:: 1 + images]))
     except (OSError, ValueError, OverflowError, struct.error) as error:
-        said = "it ends too early" if isinstance(error, struct.error) else in_words(error)
-        raise OptionError(f"a file of COLMAP's must be readable; {printable(str(path))}: {said}.") from None
+        said = "it ends too early" if isinstance(error, struct.error) else describe(error)
+        raise OptionError(f"a file of COLMAP's must be readable; {escape_control(str(path))}: {said}.") from None
 
 
 def _binary_cameras(data: mmap.mmap) -> list[list[Any]]:

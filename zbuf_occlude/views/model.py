@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, IntArray, Sealed, as_array, as_indices, frozen
-from zbuf_occlude.errors import ArgumentError, printable
+from zbuf_occlude.arrays import (
+    LARGEST,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    ReadOnlyArrays,
+    as_array,
+    as_indices,
+    readonly_copy,
+)
+from zbuf_occlude.errors import ArgumentError, escape_control
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
 MOST_PIXELS = 1 << 26
@@ -20,7 +29,7 @@ PAPER_DISTANCE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Views(Sealed):
+class Views(ReadOnlyArrays):
     """Camera positions about a target. Immutable.
 
     Parameters
@@ -72,7 +81,7 @@ class Views(Sealed):
             *angles, target, roll = (_as_floats(values) for values in (*given.values(), self.roll))
             angles.append(roll)
         except (TypeError, ValueError, OverflowError) as error:
-            raise ArgumentError(f"{', '.join(given)} must be numbers; {printable(str(error))[:80]}.") from None
+            raise ArgumentError(f"{', '.join(given)} must be numbers; {escape_control(str(error))[:80]}.") from None
         try:
             azimuth, elevation, distance, roll = np.broadcast_arrays(*map(np.atleast_1d, angles))
         except ValueError:
@@ -108,7 +117,7 @@ class Views(Sealed):
         if (distance <= 0 if self.rotations is None else distance < 0).any():
             raise ArgumentError(f"distance must be positive; got {distance.min():g}.")
         for name, values in fields.items():
-            object.__setattr__(self, name, frozen(values))
+            object.__setattr__(self, name, readonly_copy(values))
 
     def __len__(self) -> int:
         return len(self.azimuth)
@@ -149,7 +158,7 @@ class Views(Sealed):
             return view_matrices(self.eyes, self.target, self.ups)
         return rigid_matrices(self.rotations, self.eyes)
 
-    def shows(self, positions: FloatArray) -> BoolArray:
+    def in_frustum(self, positions: FloatArray) -> BoolArray:
         """Return which positions (n, 3) lie within each camera's picture, (k, n); all where there are no windows."""
         if self.windows is None:
             return np.ones((len(self), len(positions)), dtype=bool)

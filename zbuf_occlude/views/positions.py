@@ -351,12 +351,12 @@ def for_mesh(
     return views.around(mesh.centre, mesh.longest_side)
 
 
-def is_drawn(spec: str) -> bool:
+def is_random(spec: str) -> bool:
     """Return whether views are drawn at random.
 
     Examples
     --------
-    >>> zo.views.is_drawn("random:5"), zo.views.is_drawn("paper100")
+    >>> zo.views.is_random("random:5"), zo.views.is_random("paper100")
     (True, False)
     """
     return _find(spec)[0].drawn

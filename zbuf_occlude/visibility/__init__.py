@@ -7,7 +7,7 @@ from typing import Any
 from zbuf_occlude.errors import ArgumentError, OptionError, did_you_mean, find_row
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh, box_around
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import Method, Occluder
+from zbuf_occlude.visibility.interface import Method, VisibilityQuery
 
 
 class Methods(tuple[Method, ...]):
@@ -134,7 +134,7 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
 
 def prepare(
     mesh: MeshLike | SurfacePoints, method: str = "depth_buffer", *, gl: Any = None, **options: Any
-) -> Occluder:
+) -> VisibilityQuery:
     """Make a mesh ready to answer line-of-sight questions by one method.
 
     Parameters
@@ -151,7 +151,7 @@ def prepare(
 
     Returns
     -------
-    Occluder
+    VisibilityQuery
 
     Raises
     ------
@@ -189,6 +189,6 @@ def prepare(
         from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
 
         gl = GlContext.of_thread()
-    occluder: Occluder = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
+    occluder: VisibilityQuery = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
     occluder.contact_given = "contact" in options
     return occluder

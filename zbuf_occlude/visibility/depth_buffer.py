@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError, check_fraction, check_word
+from zbuf_occlude.errors import OptionError, check_choice, check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
@@ -24,7 +24,7 @@ from zbuf_occlude.gl.tiles import (
     cube_pictures,
     single_pictures,
 )
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, check_count
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery, check_count
 
 REFINEMENTS = ("witness", "none")
 
@@ -68,11 +68,11 @@ def prepare(
     check_fraction("tolerance", tolerance)
     if not 0.0 <= slope_bias < np.inf:
         raise OptionError(f"slope_bias must not be negative and be finite, in pixels; got {slope_bias}.")
-    check_word("refine", refine, REFINEMENTS)
+    check_choice("refine", refine, REFINEMENTS)
     return DepthBuffer(mesh, gl, int(resolution), tolerance, slope_bias, refine == "witness")
 
 
-class DepthBuffer(Occluder):
+class DepthBuffer(VisibilityQuery):
     """Shadow mapping with the eye for a light, and points instead of pixels to light.
 
     Notes

@@ -8,7 +8,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 LIFT = 5e-7
 """How far a ray that met its own face is lifted off it, in longest sides: above float32's error there (some 2e-7),
@@ -37,7 +37,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Embree":
     return Embree(mesh, contact)
 
 
-class Embree(Occluder):
+class Embree(VisibilityQuery):
     """One ray a point, cast from the contact distance before the point to the eye; the own face does not hide.
 
     Notes

@@ -4,7 +4,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -13,7 +13,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
     return Exact(mesh, contact)
 
 
-class Exact(Occluder):
+class Exact(VisibilityQuery):
     """Packets of points against leaves of faces, both projected: float32 where it is certain, else the definition."""
 
     _measures_directions = True  # as its threads come to them

@@ -10,7 +10,7 @@ from zbuf_occlude.exact import Engine
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.exact_pass import ExactPass, PointPackets
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 
 def prepare(mesh: Mesh, *, gl: Any, contact: float = CONTACT) -> "ExactGl":
@@ -19,7 +19,7 @@ def prepare(mesh: Mesh, *, gl: Any, contact: float = CONTACT) -> "ExactGl":
     return ExactGl(mesh, gl, contact)
 
 
-class ExactGl(Occluder):
+class ExactGl(VisibilityQuery):
     """An irregular z-buffer: the samples lay out the screen, so it has no resolution.
 
     Notes

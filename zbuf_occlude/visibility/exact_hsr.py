@@ -3,13 +3,13 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import check_fraction, check_int, check_word
+from zbuf_occlude.errors import check_choice, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.distances import Distances, PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 CULLS = ("none", "first", "second")
 
@@ -37,14 +37,14 @@ def prepare(
     OptionError
         A value is out of range.
     """
-    check_word("cull", cull, CULLS)
+    check_choice("cull", cull, CULLS)
     check_int("n_samples", n_samples, 1)
     check_int("seed", seed, 0)
     check_fraction("contact", contact)
     return ExactHsr(mesh, cull, n_samples, seed, contact)
 
 
-class ExactHsr(Occluder):
+class ExactHsr(VisibilityQuery):
     """Exhaustive search over the faces for each point, stopping at the first face that occludes it.
 
     Attributes

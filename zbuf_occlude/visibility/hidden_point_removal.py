@@ -9,7 +9,7 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import VisibilityQuery
 
 GROWTH = 200.0
 """Radius by default, per squared distance of the farthest point, all in diagonals. What one point hides behind it
@@ -46,7 +46,7 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     return HiddenPointRemoval(mesh, radius)
 
 
-class HiddenPointRemoval(Occluder):
+class HiddenPointRemoval(VisibilityQuery):
     """The points that lie on the convex hull of the flipped cloud and the eye are visible.
 
     Notes

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_array, as_triples, as_vectors, of_usual_length
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_array, as_triples, as_vectors, rescale_directions
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.far_faces import FarFaces, far_faces
@@ -34,7 +34,7 @@ EYES_INSIDE = (
     "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
     "views.around(mesh.centre, mesh.longest_side)."
 )
-"""What `Occluder.visible` warns of."""
+"""What `VisibilityQuery.visible` warns of."""
 
 
 def cure_of(far: FarFaces, mesh: Mesh) -> str:
@@ -57,7 +57,7 @@ class FirstHits(NamedTuple):
     distances: FloatArray
 
 
-class Occluder(ABC):
+class VisibilityQuery(ABC):
     """A mesh made ready to answer line-of-sight questions. Use it as a context manager, or call `close`.
 
     A method subclasses this, implements `_visible`, `_first_hits` if it can cast rays (its row in the table says why
@@ -65,7 +65,7 @@ class Occluder(ABC):
     """
 
     _measures_directions = False
-    """Whether `_first_hits` takes directions of any length, and calls `of_usual_length` where it must, itself."""
+    """Whether `_first_hits` takes directions of any length, and calls `rescale_directions` where it must, itself."""
     renderer = "none"
     """GL_RENDERER of what answers; "none" where no GL is involved."""
     tolerance = 0.0
@@ -81,7 +81,7 @@ class Occluder(ABC):
 
     def __repr__(self) -> str:
         state = ", closed" if self._closed else ""
-        return f"Occluder({type(self).__module__.rpartition('.')[2]!r}, {self.mesh!r}{state})"
+        return f"VisibilityQuery({type(self).__module__.rpartition('.')[2]!r}, {self.mesh!r}{state})"
 
     @final
     def visible(self, points: SurfacePoints, eyes: ArrayLike | Views) -> BoolArray:
@@ -117,7 +117,7 @@ class Occluder(ABC):
             )
         if isinstance(eyes, Views):
             mask = self.visible(points, eyes.eyes)
-            return mask if eyes.windows is None else mask & eyes.shows(points.positions)
+            return mask if eyes.windows is None else mask & eyes.in_frustum(points.positions)
         eyes = as_array(eyes, "eyes", "(k, 3) float")
         if eyes.shape == (3,):
             return self.visible(points, eyes[None])[0]
@@ -182,7 +182,7 @@ class Occluder(ABC):
             )
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
-        return self._first_hits(origins, directions if self._measures_directions else of_usual_length(directions))
+        return self._first_hits(origins, directions if self._measures_directions else rescale_directions(directions))
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         """Answer for checked arguments with at least one ray; `origins` is (n, 3), or (1, 3) for all rays.
@@ -247,7 +247,7 @@ class Method:
     libraries : tuple of str
         What the package links to on Linux and does not bring.
     no_first_hits : str
-        Why it cannot answer `Occluder.first_hits`; "" for a method that can.
+        Why it cannot answer `VisibilityQuery.first_hits`; "" for a method that can.
     """
 
     name: str
@@ -268,7 +268,7 @@ class Method:
         """
         return missing(self.requires, *self.libraries) if self.requires else ""
 
-    def load(self) -> Callable[..., Occluder]:
+    def load(self) -> Callable[..., VisibilityQuery]:
         """Import the method's module and return its prepare function.
 
         Raises
@@ -280,7 +280,7 @@ class Method:
             raise UnavailableError(f"method {self.name!r} {reason}")
         with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
             module, name = self.factory.split(":")
-            prepare: Callable[..., Occluder] = getattr(import_module(module), name)
+            prepare: Callable[..., VisibilityQuery] = getattr(import_module(module), name)
         return prepare
 
     def options(self) -> dict[str, Any]:
@@ -288,7 +288,7 @@ class Method:
         return dict(_options_of(self.load()))
 
     def check_first_hits(self) -> None:
-        """Raise OptionError when the method cannot answer `Occluder.first_hits`."""
+        """Raise OptionError when the method cannot answer `VisibilityQuery.first_hits`."""
         if self.no_first_hits:
             raise OptionError(
                 f"the method must cast rays; {self.name} does not: {self.no_first_hits}. "
@@ -310,7 +310,7 @@ class Method:
 
 
 @cache
-def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
+def _options_of(prepare: Callable[..., VisibilityQuery]) -> Mapping[str, Any]:
     parameters = inspect.signature(prepare).parameters.values()
     return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 

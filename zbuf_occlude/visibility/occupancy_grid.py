@@ -7,7 +7,7 @@ from zbuf_occlude.errors import check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid
-from zbuf_occlude.visibility.interface import Occluder, check_count
+from zbuf_occlude.visibility.interface import VisibilityQuery, check_count
 
 LARGEST = 512
 """The finest grid: 128 MiB of cells, and 512 MiB while points are asked."""
@@ -46,7 +46,7 @@ def prepare(
     return OccupancyGridOccluder(mesh, OccupancyGrid(mesh.bounds, int(n), positions, touching=touching, run=run))
 
 
-class OccupancyGridOccluder(Occluder):
+class OccupancyGridOccluder(VisibilityQuery):
     """One line of sight from each cell that holds an asked point; a point takes its cell's answer.
 
     Attributes

@@ -9,12 +9,12 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.predicates import blocks, is_nearer, meeting, passes
+from zbuf_occlude.geometry.predicates import blocks, is_nearer, passes, ray_triangle_t
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.jit.compiler import inner
-from zbuf_occlude.jit.threads import shared, take, together
+from zbuf_occlude.jit.compiler import device_function
+from zbuf_occlude.jit.threads import next_task, parallel_for, parallel_kernel
 from zbuf_occlude.jit.vec3 import dot, minus
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 RUN = 64
 """Faces tested per vectorised step."""
@@ -33,7 +33,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Oracle":
     return Oracle(mesh, contact)
 
 
-class Oracle(Occluder):
+class Oracle(VisibilityQuery):
     """Brute force over all faces, own face excluded, stopping at the first that blocks.
 
     Notes
@@ -52,7 +52,7 @@ class Oracle(Occluder):
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         face_ids, distances = np.empty(len(directions), dtype=np.int32), np.empty(len(directions))
-        together(
+        parallel_for(
             _meet, len(directions), _runs_of(self.mesh), self.mesh.corners, origins, directions, face_ids, distances
         )
         return FirstHits(face_ids, distances)
@@ -161,14 +161,14 @@ def _runs_of(mesh: Mesh) -> _Runs:
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
-    together(_look, len(own), mesh.corners, _runs_of(mesh), own, targets, eyes, contact, answer)
+    parallel_for(_look, len(own), mesh.corners, _runs_of(mesh), own, targets, eyes, contact, answer)
     return answer
 
 
-@shared
+@parallel_kernel
 def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
     """Take point after point, and for each eye ask the definition of every face."""
-    i = take(tasks)
+    i = next_task(tasks)
     while i < len(own):
         for j in range(len(eyes)):
             eye, point = _triple(eyes[j]), _triple(targets[j, i])
@@ -185,13 +185,13 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
                         break
                 if not answer[j, i]:
                     break
-        i = take(tasks)
+        i = next_task(tasks)
 
 
-@shared
+@parallel_kernel
 def _meet(tasks, runs, corners, origins, directions, face_ids, distances):
     """Take ray after ray, and ask the definition of every face."""
-    i = take(tasks)
+    i = next_task(tasks)
     while i < len(directions):
         origin, direction = _triple(origins[i if len(origins) > 1 else 0]), _triple(directions[i])
         first, nearest, error = -1, math.inf, 0.0
@@ -200,38 +200,38 @@ def _meet(tasks, runs, corners, origins, directions, face_ids, distances):
                 continue
             for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
                 own = _corners_of(corners, face)
-                found, found_error = meeting(origin, direction, *own)
+                found, found_error = ray_triangle_t(origin, direction, *own)
                 if is_nearer(
                     *(origin, direction, face, found, found_error, first, nearest, error),
                     *(own, _corners_of(corners, max(first, 0))),
                 ):
                     first, nearest, error = face, found, found_error
         face_ids[i], distances[i] = first, nearest * math.sqrt(dot(direction, direction))
-        i = take(tasks)
+        i = next_task(tasks)
 
 
-@inner
+@device_function
 def _triple(row):
     return row[0], row[1], row[2]
 
 
-@inner
+@device_function
 def _corners_of(corners, face):
     t = corners[face]
     return (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
 
 
-@inner
+@device_function
 def _least(a, b):
     return min(a[0], b[0]), min(a[1], b[1]), min(a[2], b[2])
 
 
-@inner
+@device_function
 def _most(a, b):
     return max(a[0], b[0]), max(a[1], b[1]), max(a[2], b[2])
 
 
-@inner
+@device_function
 def _are_apart(box, low, high):
     """Whether a box, (6,) low and high, and that of a segment have no place in common."""
     apart = False
@@ -240,7 +240,7 @@ def _are_apart(box, low, high):
     return apart
 
 
-@inner
+@device_function
 def _may_pass(run, origin, direction):
     """Whether the definition's filter lets any face of a run, (9, RUN), through: several are asked at a time."""
     n = 0

@@ -36,7 +36,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.devices import FIXES, default_device
 from zbuf_occlude.jit.compiler import without_scipy
-from zbuf_occlude.visibility.interface import Occluder, check_count
+from zbuf_occlude.visibility.interface import VisibilityQuery, check_count
 
 TIMEOUT = 120.0
 """Seconds that the process may take for one reply (the first: starting Python, importing pyrender, opening EGL)."""
@@ -79,7 +79,7 @@ def prepare(
     return PyrenderOccluder(mesh, int(resolution), tolerance, slope_bias)
 
 
-class PyrenderOccluder(Occluder):
+class PyrenderOccluder(VisibilityQuery):
     """One depth image an eye (six of a cube's faces for an eye within the mesh), all points tested against it in NumPy.
 
     Notes

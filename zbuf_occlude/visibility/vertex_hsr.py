@@ -10,7 +10,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.division import Division, divide_faces
 from zbuf_occlude.object_space.vertex_removal import VertexRemoval
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 
 def prepare(mesh: Mesh, *, divide: float = 1.0, max_faces: int = 50_000, contact: float = CONTACT) -> "VertexHsr":
@@ -47,7 +47,7 @@ def prepare(mesh: Mesh, *, divide: float = 1.0, max_faces: int = 50_000, contact
     return VertexHsr(mesh, division, contact)
 
 
-class VertexHsr(Occluder):
+class VertexHsr(VisibilityQuery):
     """Each vertex against all faces; faces with a hidden vertex are dropped, and their points with them.
 
     Attributes

@@ -8,7 +8,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.distances import Distances, PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.vertex_removal import VertexRemoval
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 
 def prepare(
@@ -41,7 +41,7 @@ def prepare(
     return VertexHsrCulled(mesh, suggestion, n_samples, seed, contact)
 
 
-class VertexHsrCulled(Occluder):
+class VertexHsrCulled(VisibilityQuery):
     """Each vertex against the faces that are nearer to the eye; faces with a hidden vertex are dropped.
 
     Attributes

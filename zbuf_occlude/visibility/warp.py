@@ -10,7 +10,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 from zbuf_occlude.warp import DeviceBvh, find_device
 
 
@@ -34,7 +34,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT, device: str = "auto") -> "W
     return Warp(mesh, contact, find_device(device))
 
 
-class Warp(Occluder):
+class Warp(VisibilityQuery):
     """A BVH of float32 boxes chooses the faces that a line may meet; float64 tests these, `exact` decides doubts."""
 
     def __init__(self, mesh: Mesh, contact: float, device: wp.Device) -> None:

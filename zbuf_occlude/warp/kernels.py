@@ -142,7 +142,7 @@ def face_blocks(corners: Vectors, face: int, eye: wp.vec3d, point: wp.vec3d, con
 
 @wp.func
 def face_meets(corners: Vectors, face: int, origin: wp.vec3d, direction: wp.vec3d) -> wp.vec3d:
-    """Return where a face meets a ray (`geometry.predicates.meeting`), as multiples of its direction.
+    """Return where a face meets a ray (`geometry.predicates.ray_triangle_t`), as multiples of its direction.
 
     Returns
     -------

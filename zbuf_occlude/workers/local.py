@@ -20,7 +20,7 @@ from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.interrupts import held
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
-from zbuf_occlude.workers.pool import Ending, Message, do_jobs, work
+from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # no thread may run where processes are forked
@@ -112,13 +112,13 @@ class LocalWorker:
                 messages.append(self.connection.recv())
         return messages
 
-    def ending(self) -> Ending | None:
+    def ending(self) -> ExitStatus | None:
         """Say how the process ended; None while it runs."""
         if self.process.is_alive():
             return None
         code = self.process.exitcode
         reason = f"the worker was killed by signal {-code}" if code < 0 else f"the worker ended with code {code}"
-        return Ending(reason, -code in (signal.SIGKILL, signal.SIGTERM))
+        return ExitStatus(reason, -code in (signal.SIGKILL, signal.SIGTERM))
 
     def gigabytes(self) -> float:
         """Read the resident memory off /proc."""

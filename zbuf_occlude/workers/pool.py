@@ -83,7 +83,7 @@ def work(connection: Connection, task: Task, device_index: int | None) -> None:
                 gl.close()
 
 
-class Ending(NamedTuple):
+class ExitStatus(NamedTuple):
     """How a worker ended."""
 
     reason: str
@@ -100,7 +100,7 @@ class Worker(Protocol):
     def listen(self) -> list[Message]:
         """Return its messages since the last call, without waiting."""
 
-    def ending(self) -> Ending | None:
+    def ending(self) -> ExitStatus | None:
         """Say how it ended; None while it lives."""
 
     def gigabytes(self) -> float:
@@ -146,13 +146,13 @@ def do_jobs(
     A worker that ends is replaced and its job done again; a mesh at which workers end, or that exceeds the limits, is
     in `lost` from then on. What a job writes depends on the plan alone, so any number of ends leaves the same data.
     """
-    pool, seats, last_ready = _Pool(deque(jobs), done, limits), dict[int, _Seat](), time.monotonic()
+    pool, seats, last_ready = _Pool(deque(jobs), done, limits), dict[int, _WorkerSlot](), time.monotonic()
     try:
         while pool.queue or any(seat.job is not None for seat in seats.values()):
             n_busy = sum(seat.job is not None for seat in seats.values())
             for number in range(min(n_workers, n_busy + len(pool.queue))):
                 if number not in seats:
-                    seats[number] = _Seat(start(number))
+                    seats[number] = _WorkerSlot(start(number))
             for seat in seats.values():
                 if seat.ready and seat.job is None and pool.queue:
                     seat.job, seat.mesh_id = pool.queue.popleft(), None
@@ -172,7 +172,7 @@ def do_jobs(
 
 
 @dataclass
-class _Seat:
+class _WorkerSlot:
     """A worker, and what it is at."""
 
     worker: Worker
@@ -192,7 +192,7 @@ class _Pool:
         self.ends: Counter[Any] = Counter()
         """By ("mesh", mesh_id, killed), ("job", job), "start" or "GL", since it last succeeded."""
 
-    def keeps(self, seat: _Seat) -> bool:
+    def keeps(self, seat: _WorkerSlot) -> bool:
         """Take a worker's messages and look at its state; return False when it has gone."""
         ending = seat.worker.ending()  # asked first: what it sent before it ended counts
         for kind, value in seat.worker.listen():
@@ -202,7 +202,7 @@ class _Pool:
             self._put_back(seat, ending.reason)
             return False
         if seat.mesh_id is not None:
-            excess = self.limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
+            excess = self.limits.exceeded(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
             if excess:
                 excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}."
                 seat.worker.kill()
@@ -214,7 +214,7 @@ class _Pool:
             return False
         return True
 
-    def _take(self, seat: _Seat, kind: str, value: Any) -> None:
+    def _take(self, seat: _WorkerSlot, kind: str, value: Any) -> None:
         if kind in ("mesh", "done"):  # the mesh before is made
             for killed in (False, True):
                 self.ends.pop(("mesh", seat.mesh_id, killed), None)
@@ -239,7 +239,7 @@ class _Pool:
         else:
             raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
 
-    def _count_end(self, seat: _Seat, ending: Ending) -> None:
+    def _count_end(self, seat: _WorkerSlot, ending: ExitStatus) -> None:
         """Note what a worker ended at; raise DatasetError when too many have and no mesh is to blame."""
         if not seat.ready:
             self.ends["start"] += 1
@@ -260,7 +260,7 @@ class _Pool:
                     f"{ending.reason}. Is there memory enough? What was finished is kept, and the same command resumes."
                 )
 
-    def _put_back(self, seat: _Seat, reason: str) -> None:
+    def _put_back(self, seat: _WorkerSlot, reason: str) -> None:
         if seat.job is not None:
             self.queue.appendleft(seat.job)
             name = " ".join(map(str, seat.job)) if isinstance(seat.job, tuple) else seat.job

@@ -24,15 +24,15 @@ heard = {one: signal.signal(one, signal.SIG_IGN) for one in (signal.SIGINT, sign
 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 gc.disable()  # 10 % of the time
 with without_scipy():
-    from zbuf_occlude.dataset.plan import Recipe
-    from zbuf_occlude.dataset.rehearsal import compile_ahead, was_rehearsed
-    from zbuf_occlude.jit.threads import alone
+    from zbuf_occlude.dataset.plan import DatasetConfig
+    from zbuf_occlude.dataset.rehearsal import is_warm, warm_up_jit
+    from zbuf_occlude.jit.threads import single_threaded
     from zbuf_occlude.workers import local
 
-    common = Recipe(method="exact")  # most of what it has compiled the workers of all other methods need too
-    if was_rehearsed(common):
-        with alone():
-            compile_ahead(common)
+    common = DatasetConfig(method="exact")  # most of what it has compiled the workers of all other methods need too
+    if is_warm(common):
+        with single_threaded():
+            warm_up_jit(common)
 gc.enable()
 gc.freeze()  # what is loaded stays: no collection looks through it and so copies its pages into a worker
 for one, handler in heard.items():

@@ -12,7 +12,7 @@ from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
-from zbuf_occlude.workers.pool import Ending, Message, do_jobs, work
+from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
 LISTEN_SECONDS = 0.4
 """How long an actor waits for something to say before it answers that there is nothing."""
@@ -132,7 +132,7 @@ class RayWorker:
 
     def __init__(self, ray: Any, actor: Any, patience: float) -> None:
         self.ray, self.actor, self.patience = ray, actor, patience
-        self.end: Ending | None = None
+        self.end: ExitStatus | None = None
         self.memory = 0.0
         self.heard: float | None = None  # when it last answered; None until it has started
         self.future = actor.listen.remote()
@@ -148,19 +148,19 @@ class RayWorker:
         try:
             messages, self.memory = self.ray.get(self.future)
         except self.ray.exceptions.RayError as error:
-            self.end = Ending(f"the actor ended ({type(error).__name__})", True)
+            self.end = ExitStatus(f"the actor ended ({type(error).__name__})", True)
             return []
         self.heard = time.monotonic()
         self.future = self.actor.listen.remote()
         return list(messages)
 
-    def ending(self) -> Ending | None:
+    def ending(self) -> ExitStatus | None:
         """Return how the actor or its node ended, as the last `listen` learned it; or that it no longer answers.
 
         An actor answers twice a second, unless a kernel keeps Python waiting. Ray may see a lost node late or never.
         """
         if not self.end and self.heard is not None and time.monotonic() - self.heard > self.patience:
-            self.end = Ending(f"the actor has not answered for {self.patience:g} seconds", True)
+            self.end = ExitStatus(f"the actor has not answered for {self.patience:g} seconds", True)
             self.kill()
         return self.end
 

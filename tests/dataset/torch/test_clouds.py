@@ -15,12 +15,12 @@ from tests.scenes import box, sphere  # noqa: E402
 from zbuf_occlude import DatasetError, OptionError  # noqa: E402
 from zbuf_occlude.dataset.export import convert  # noqa: E402
 from zbuf_occlude.dataset.generate import generate  # noqa: E402
-from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan  # noqa: E402
 from zbuf_occlude.dataset.source import open_dataset  # noqa: E402
 from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, CompletionPairs, augmentation  # noqa: E402
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry  # noqa: E402
 
-RECIPE = Recipe(
+RECIPE = DatasetConfig(
     method="oracle", views="fibonacci:9", n_points=120, variations=3, sample_size=40, attributes=("normals", "colors")
 )
 N_TRAIN = 4 * 3 * 9

@@ -29,10 +29,10 @@ from zbuf_occlude.dataset.folder import (
     STORED,
     WORK,
     checksums,
+    claim_folder,
+    contains_plan,
     damaged,
-    holds,
     locked,
-    occupy,
     read_finished,
     read_manifest,
     recorded,
@@ -46,11 +46,11 @@ from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.gallery import write_contact_sheet
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import Records, record_type
-from zbuf_occlude.dataset.source import Source, open_dataset
+from zbuf_occlude.dataset.source import CloudReader, open_dataset
 from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.meshes.collection import SPLITS
 from zbuf_occlude.meshes.load import SUFFIXES
-from zbuf_occlude.provenance import Origin
+from zbuf_occlude.provenance import MeshSource
 
 UNSEEN = "not all its views see it"
 
@@ -80,7 +80,7 @@ def export_here(plan: Plan, out: Path, manifest: dict[str, Any]) -> dict[str, An
     return _export(plan, source, out, manifest)
 
 
-def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict[str, Any]:
+def _export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -> dict[str, Any]:
     """Export clouds into a folder that is this plan's: files appear when all are written, then the manifest.
 
     `about` is the manifest of the dataset that the clouds are from.
@@ -95,7 +95,7 @@ def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dic
             "Choose other --views, or --points."
         )
     if find_format(plan.format).from_meshes:
-        origins = {key: Origin.from_document(document) for key, document in about["origins"].items()}
+        origins = {key: MeshSource.from_dict(document) for key, document in about["origins"].items()}
         check_origins(plan.meshes, origins, out)
     write_names(plan, folder)
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
@@ -126,7 +126,12 @@ def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dic
 
 
 def _finish(
-    plan: Plan, source: Source, out: Path, about: dict[str, Any], files: dict[str, list[str]], sha256: dict[str, str]
+    plan: Plan,
+    source: CloudReader,
+    out: Path,
+    about: dict[str, Any],
+    files: dict[str, list[str]],
+    sha256: dict[str, str],
 ) -> dict[str, Any]:
     """Write the picture and the manifest of a dataset whose clouds are another's; return the manifest."""
     write_contact_sheet(out / CONTACT_SHEET, source)
@@ -152,7 +157,7 @@ def frame_in_words(plan: Plan) -> dict[str, Any]:
     return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
 
 
-def as_theirs(source: Source, plan: Plan) -> Source:
+def as_theirs(source: CloudReader, plan: Plan) -> CloudReader:
     """Return the clouds of a layout's classes, with its labels, positions and normals in its frame."""
     row, axes = find_format(plan.format), find_format(plan.format).to_frame(plan.recipe).T
     longest_side = np.linalg.norm(axes[0])
@@ -218,14 +223,14 @@ def convert(
     plan = _converted(old, format)
     about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
     source = open_dataset(folder, plan.recipe if old.format == PACKED else None)  # the draw follows the new format
-    holds(plan, out)
+    contains_plan(plan, out)
     with locked(out):
-        occupy(plan, out)
+        claim_folder(plan, out)
         return _convert(plan, replace(source, plan=plan), out, about, progress)
 
 
 def _convert(
-    plan: Plan, source: Source, out: Path, about: dict[str, Any], progress: Callable[[int], None]
+    plan: Plan, source: CloudReader, out: Path, about: dict[str, Any], progress: Callable[[int], None]
 ) -> dict[str, Any]:
     row, finished = find_format(plan.format), read_manifest(out)
     if finished is not None:
@@ -288,7 +293,7 @@ LONGEST = 150
 class Layout(NamedTuple):
     """A layout in a module of several: what a module of one has as functions."""
 
-    export: Callable[[Source, Path], Exported]
+    export: Callable[[CloudReader, Path], Exported]
     check: Callable[[Plan], None] = lambda plan: None
 
 
@@ -352,7 +357,7 @@ def check_one_frame(plan: Plan) -> None:
         )
 
 
-def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Numbers]:
+def whole_objects(source: CloudReader, n_kept: int | None = None) -> dict[str, Numbers]:
     """Return the clouds of the objects that all their views see, (n objects, n_kept clouds) for each split.
 
     Objects are in the order of the plan, their clouds by variation and view, the first `n_kept` of each.
@@ -367,7 +372,7 @@ def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Number
     return found
 
 
-def incomplete(source: Source) -> dict[int, str]:
+def incomplete(source: CloudReader) -> dict[int, str]:
     """Return the meshes that `whole_objects` leaves out, by index, and why."""
     numbers = np.concatenate(list(source.order.values()))
     mesh_ids, n_seeing = np.unique(source.ids()["mesh_id"][numbers], return_counts=True)
@@ -399,7 +404,7 @@ class Rows:
                 file.write(part.tobytes())
 
 
-class Rest:
+class CloudFields:
     """The file ``clouds_SPLIT.npy``: what records hold besides their points, row by row."""
 
     def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
@@ -416,7 +421,7 @@ class Rest:
                 found[name] = records[name]
             self._rows.write(rows, found)
 
-    def batches(self, source: Source, split: str) -> Iterator[tuple[slice, Records]]:
+    def batches(self, source: CloudReader, split: str) -> Iterator[tuple[slice, Records]]:
         """Yield the rows and records of a split; each is written here."""
         row = 0
         for records in source.batches(split):

@@ -7,14 +7,14 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported, Layout, Rest, Rows, incomplete, names_of, whole_objects
+from zbuf_occlude.dataset.export import CloudFields, Exported, Layout, Rows, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.formats.hdf5 import new_h5
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import OptionError
 
 
-def export_scanobjectnn(source: Source, out: Path) -> Exported:
+def export_scanobjectnn(source: CloudReader, out: Path) -> Exported:
     """Write ScanObjectNN's layout, its variant PB_T50_RS: {training,test,val}_objectdataset_augmentedrot_scale75.h5.
 
     data   (n, size, 3) float32, y up
@@ -24,7 +24,7 @@ def export_scanobjectnn(source: Source, out: Path) -> Exported:
     files, size = dict[str, list[str]](), source.plan.recipe.equal_size
     for split, n_clouds in source.n_clouds.items():
         name = f"{'training' if split == 'train' else split}_objectdataset_augmentedrot_scale75.h5"
-        rest = Rest(out, split, source.plan, n_clouds)
+        rest = CloudFields(out, split, source.plan, n_clouds)
         with new_h5(out / name) as h5:
             data = h5.create_dataset("data", (n_clouds, size, 3), "<f4", track_times=False)
             label = h5.create_dataset("label", (n_clouds,), "<i8", track_times=False)
@@ -37,7 +37,7 @@ def export_scanobjectnn(source: Source, out: Path) -> Exported:
     return Exported(files, source.n_clouds)
 
 
-def export_modelnet40_c(source: Source, out: Path) -> Exported:
+def export_modelnet40_c(source: CloudReader, out: Path) -> Exported:
     """Write ModelNet40-C's layout: an array per view, its corruption occlusion or lidar, its level the view from 1.
 
     data_occlusion_1.npy, data_occlusion_2.npy ...    (n, size, 3) float32, an object per row; y up
@@ -54,11 +54,11 @@ def export_modelnet40_c(source: Source, out: Path) -> Exported:
     """
     plan, files, n_clouds = source.plan, dict[str, list[str]](), dict[str, int]()
     setup = plan.recipe.setup
-    corruption = "lidar" if setup is not None and setup.made_sensor.kind == "spinning" else "occlusion"
+    corruption = "lidar" if setup is not None and setup.sensor_model.kind == "spinning" else "occlusion"
     for split, numbers in whole_objects(source).items():
         folder = "" if split == "test" else f"{split}/"
         (out / folder).mkdir(exist_ok=True)
-        rest, n_views = Rest(out, split, plan, numbers.size), len(plan.views)
+        rest, n_views = CloudFields(out, split, plan, numbers.size), len(plan.views)
         names = [f"{folder}data_{corruption}_{view + 1}.npy" for view in range(n_views)]
         shape = (len(numbers), plan.recipe.equal_size, 3)
         arrays = [Rows(out / name, np.dtype("<f4"), shape) for name in names]
@@ -80,11 +80,11 @@ def export_modelnet40_c(source: Source, out: Path) -> Exported:
     return Exported(files, n_clouds, left_out=incomplete(source))
 
 
-def export_modelnet_o(source: Source, out: Path) -> Exported:
+def export_modelnet_o(source: CloudReader, out: Path) -> Exported:
     """Write ModelNet-O's layout: CLASS/{train,test}/OBJECT_001.xyz ..., a text file per cloud, x y z per line."""
     plan, names, files = source.plan, names_of(source.plan), dict[str, list[str]]()
     for split, n_clouds in source.n_clouds.items():
-        rest, files[split] = Rest(out, split, plan, n_clouds), []
+        rest, files[split] = CloudFields(out, split, plan, n_clouds), []
         for _, records in rest.batches(source, split):
             for record in records:
                 mesh_id, sample = int(record["mesh_id"]), int(record["variation"]) * len(plan.views)
@@ -96,7 +96,7 @@ def export_modelnet_o(source: Source, out: Path) -> Exported:
     return Exported(files, source.n_clouds)
 
 
-def export_modelnet40_normal(source: Source, out: Path) -> Exported:
+def export_modelnet40_normal(source: CloudReader, out: Path) -> Exported:
     """Write the layout of modelnet40_normal_resampled, as PointNet++'s loaders read it; each cloud is a shape there.
 
     CLASS/CLASS_0001.txt ...                     x,y,z per line, y up; with `--with normals` x,y,z,nx,ny,nz
@@ -112,7 +112,7 @@ def export_modelnet40_normal(source: Source, out: Path) -> Exported:
         ranks.append(before[entry.label])
         before[entry.label] += 1
     for split, n_clouds in source.n_clouds.items():
-        rest, written = Rest(out, split, plan, n_clouds), list[str]()
+        rest, written = CloudFields(out, split, plan, n_clouds), list[str]()
         for _, records in rest.batches(source, split):
             columns = [records[name] for name in ("data", "normal") if name in (records.dtype.names or ())]
             for record, values in zip(records, np.concatenate(columns, axis=2), strict=True):

@@ -9,10 +9,10 @@ import numpy as np
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import (
+    CloudFields,
     Exported,
     Layout,
     Names,
-    Rest,
     check_one_frame,
     incomplete,
     names_of,
@@ -21,7 +21,7 @@ from zbuf_occlude.dataset.export import (
 from zbuf_occlude.dataset.formats.hdf5 import new_h5
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.point_files import write_pcd
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import SPLITS
 
@@ -31,7 +31,7 @@ WHOLE = "shapenet_pc/{taxonomy}-{name}.npy"
 """An object's complete cloud; loaders split it at the hyphen and the dot."""
 
 
-def export_pcn(source: Source, out: Path) -> Exported:
+def export_pcn(source: CloudReader, out: Path) -> Exported:
     """Write PCN's layout, as the loaders of GRNet, PoinTr and SnowflakeNet read it.
 
     SPLIT/complete/TAXONOMY/OBJECT.pcd           16,384 points
@@ -47,7 +47,7 @@ def export_pcn(source: Source, out: Path) -> Exported:
     return exported
 
 
-def export_completion3d(source: Source, out: Path) -> Exported:
+def export_completion3d(source: CloudReader, out: Path) -> Exported:
     """Write Completion3D's layout: a partial and a complete cloud of 2,048 points per object, each an HDF5 file.
 
     SPLIT/partial/TAXONOMY/OBJECT.h5    data (2048, 3) float32
@@ -70,7 +70,7 @@ def export_completion3d(source: Source, out: Path) -> Exported:
     return exported
 
 
-def export_epn3d(source: Source, out: Path) -> Exported:
+def export_epn3d(source: CloudReader, out: Path) -> Exported:
     """Write EPN3D's layout, as the loaders of P2C read 3D-EPN's objects: pairs of 2,048 points, an array each.
 
     CLASS/complete/OBJECT.npy          (2048, 3) float32
@@ -97,7 +97,7 @@ def export_epn3d(source: Source, out: Path) -> Exported:
     return exported
 
 
-def export_projected_shapenet(source: Source, out: Path) -> Exported:
+def export_projected_shapenet(source: CloudReader, out: Path) -> Exported:
     """Write Projected-ShapeNet's layout, as AdaPoinTr's loaders read it.
 
     projected_partial_noise/TAXONOMY/OBJECT/models/0.pcd ... 15.pcd    partial clouds
@@ -113,7 +113,7 @@ def export_projected_shapenet(source: Source, out: Path) -> Exported:
     return exported
 
 
-def export_shapenet55(source: Source, out: Path) -> Exported:
+def export_shapenet55(source: CloudReader, out: Path) -> Exported:
     """Write ShapeNet-55's layout, as the loaders of PoinTr and Point-MAE read it: complete clouds, which they crop.
 
     shapenet_pc/TAXONOMY-OBJECT.npy      (8192, 3) float32
@@ -123,7 +123,7 @@ def export_shapenet55(source: Source, out: Path) -> Exported:
     names, files, n_clouds = names_of(source.plan), dict[str, list[str]](), dict[str, int]()
     (out / "shapenet_pc").mkdir()
     for split, numbers in whole_objects(source, n_kept=1).items():
-        rest, written = Rest(out, split, source.plan, numbers.size), list[str]()
+        rest, written = CloudFields(out, split, source.plan, numbers.size), list[str]()
         for begin in range(0, numbers.size, CLOUDS_PER_FILE):
             records = source.take(numbers[begin : begin + CLOUDS_PER_FILE, 0])
             rest.write(slice(begin, begin + len(records)), records)
@@ -136,7 +136,7 @@ def export_shapenet55(source: Source, out: Path) -> Exported:
     return Exported(files, n_clouds, left_out=incomplete(source))
 
 
-def export_mvp(source: Source, out: Path) -> Exported:
+def export_mvp(source: CloudReader, out: Path) -> Exported:
     """Write MVP's layout: 26 partial clouds of 2,048 points and a complete one per object, an HDF5 file per split.
 
     MVP_Train_CP.h5, MVP_Test_CP.h5 (and MVP_Val_CP.h5)
@@ -154,7 +154,7 @@ def export_mvp(source: Source, out: Path) -> Exported:
     assert source.complete is not None  # it is read from the format packed
     files, n_clouds, size = dict[str, list[str]](), dict[str, int](), MVP_SIZE
     for split, numbers in whole_objects(source).items():
-        name, rest = f"MVP_{split.capitalize()}_CP.h5", Rest(out, split, source.plan, numbers.size)
+        name, rest = f"MVP_{split.capitalize()}_CP.h5", CloudFields(out, split, source.plan, numbers.size)
         with new_h5(out / name) as h5:
             partials = h5.create_dataset("incomplete_pcds", (numbers.size, size, 3), "<f4", track_times=False)
             complete = h5.create_dataset("complete_pcds", (len(numbers), size, 3), "<f4", track_times=False)
@@ -172,7 +172,13 @@ def export_mvp(source: Source, out: Path) -> Exported:
 
 
 def _export_pairs(
-    source: Source, out: Path, names: Names, n_complete: int, complete: str, of_view: str, n_tested: int | None = None
+    source: CloudReader,
+    out: Path,
+    names: Names,
+    n_complete: int,
+    complete: str,
+    of_view: str,
+    n_tested: int | None = None,
 ) -> tuple[Exported, dict[str, list[int]]]:
     """Write a file for each complete cloud and for each partial one of it; return also the objects of each split.
 
@@ -184,7 +190,7 @@ def _export_pairs(
     with_normals = "normals" in source.plan.recipe.attributes  # of scans they are in each record
     for split in source.order:
         numbers = whole_objects(source, None if split == "train" else n_tested)[split]
-        rest, files[split], mesh_ids[split] = Rest(out, split, source.plan, numbers.size), [], []
+        rest, files[split], mesh_ids[split] = CloudFields(out, split, source.plan, numbers.size), [], []
         for row, of_object in enumerate(numbers):
             records = source.take(of_object)
             rest.write(slice(row * len(of_object), (row + 1) * len(of_object)), records)

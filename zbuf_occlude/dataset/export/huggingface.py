@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import OFFSETS, Records, laid_out, point_fields, record_type
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.records import OFFSETS, Records, point_fields, record_type, to_arrays
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.extras import importing
 
 _ROWS_PER_GROUP = 128
@@ -28,7 +28,7 @@ def check(plan: Plan) -> None:
     _arrow()
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write a shard for each file's clouds, and the card."""
     (out / "data").mkdir()
     files = dict[str, list[str]]()
@@ -50,7 +50,7 @@ def _arrow() -> Any:
 def _write_shard(path: Path, records: Records, plan: Plan) -> None:
     arrow = _arrow()
     columns = {"mesh": arrow.array([plan.meshes[int(i)].key for i in records["mesh_id"]])}
-    arrays = laid_out(records, plan.recipe)
+    arrays = to_arrays(records, plan.recipe)
     offsets = arrays.pop(OFFSETS, None)
     for name, values in arrays.items():
         column = _column(arrow, values[:, 0] if name == "label" else values)

@@ -9,7 +9,7 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import Exported, check_as_they_are
 from zbuf_occlude.dataset.plan import BOXES, Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.sensors.boxes import CENTRE, FOCAL, TO_CAMERA
@@ -31,7 +31,7 @@ OCCLUDED = (0.1, 0.5, 0.9)
 """Hidden shares from which on `occluded` is 1, 2 and 3. KITTI's people judged it by eye: assumed."""
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write a frame for each cloud.
 
     training/velodyne/000000.bin   float32 x, y, z, reflectance; the LiDAR's frame, x towards the target, z up

@@ -11,9 +11,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.dataset.export import Exported, check_one_frame
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.formats.hdf5 import new_h5
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.records import draw_visible, fit
-from zbuf_occlude.dataset.source import KeptSampling, Source
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.records import draw_visible, unit_box_transform
+from zbuf_occlude.dataset.source import CloudReader, StoredSampling
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.provenance import seed_of
@@ -36,7 +36,7 @@ class Pair(NamedTuple):
     overlap: float
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write MVP's layout of registration: MVP_Train_RG.h5, MVP_Test_RG.h5 (and MVP_Val_RG.h5), a row per pair.
 
     =======================  =================================================================================
@@ -106,7 +106,7 @@ def _fields(size: int) -> dict[str, tuple[str, tuple[int, ...]]]:
     }
 
 
-def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str, Any]]:
+def _rows_of(source: CloudReader, mesh_id: int, variation: int) -> Iterator[dict[str, Any]]:
     """Yield the pairs of one sampling of an object, as the fields of a row."""
     assert source.block is not None  # it is read from the format packed
     plan, block = source.plan, source.block(mesh_id, variation)
@@ -148,7 +148,7 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
         }
 
 
-def _seen_by_places(entry: MeshEntry, block: KeptSampling, recipe: Recipe) -> BoolArray:
+def _seen_by_places(entry: MeshEntry, block: StoredSampling, recipe: DatasetConfig) -> BoolArray:
     """Return which points (n,) of an object's whole surface each of k places of the sensor sees; (k, n).
 
     A place whose scan has no return sees nothing. A mesh that is not at hand is a DatasetError.
@@ -201,10 +201,10 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
     return chosen
 
 
-def _placed(plan: Plan, block: KeptSampling) -> FloatArray:
+def _placed(plan: Plan, block: StoredSampling) -> FloatArray:
     """Return the points of an object in the layout's frame."""
     whole = block.points if plan.recipe.setup is None else block.whole
-    centre, factor = fit(whole.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
+    centre, factor = unit_box_transform(whole.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
     axes = find_format(plan.format).to_frame(plan.recipe).astype(np.float64)
     return np.asarray((block.points.positions - centre) * factor @ axes.T)
 
@@ -220,7 +220,7 @@ def _motion(rng: np.random.Generator, most: float) -> tuple[NDArray[np.float64],
     return found, angle
 
 
-def _range_of(recipe: Recipe) -> tuple[float, float]:
+def _range_of(recipe: DatasetConfig) -> tuple[float, float]:
     assert recipe.overlap is not None
     return recipe.overlap[0], recipe.overlap[1]
 

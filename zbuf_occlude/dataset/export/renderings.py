@@ -14,7 +14,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import Exported, Layout, check_as_they_are, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.pipeline import scanned_scenes
 from zbuf_occlude.dataset.plan import Numbers, Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import OptionError, UnavailableError
 from zbuf_occlude.extras import missing
 from zbuf_occlude.scenes.scene import Scene
@@ -26,7 +26,7 @@ PATHS = "valid_paths.json"
 """The folders of all objects, a list, as Zero-1-to-3's loader wants it."""
 
 
-def export_frames(source: Source, out: Path) -> Exported:
+def export_frames(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ with the files of `write_frames`, 000 the first view; and valid_paths.json.
 
     World space is the scans': metres, the middle of the object's box at the origin, z up. Instance 0 is the object.
@@ -49,7 +49,7 @@ def export_frames(source: Source, out: Path) -> Exported:
     return Exported(files, n_clouds, left_out=incomplete(source))
 
 
-def records_of(source: Source, numbers: Numbers) -> Iterator[Any]:
+def records_of(source: CloudReader, numbers: Numbers) -> Iterator[Any]:
     """Yield the records of some clouds, one at a time: each has a row per pixel."""
     for number in numbers:
         yield source.take(np.array([number]))[0]
@@ -87,8 +87,8 @@ def check_frames(plan: Plan) -> None:
     recipe = plan.recipe
     if lacking := missing("PIL"):
         raise UnavailableError(f"--format {plan.format} {lacking}")
-    if recipe.setup is None or recipe.setup.made_sensor.kind != "pinhole":
-        named = "surface" if recipe.setup is None else recipe.setup.made_sensor.name
+    if recipe.setup is None or recipe.setup.sensor_model.kind != "pinhole":
+        named = "surface" if recipe.setup is None else recipe.setup.sensor_model.name
         raise OptionError(
             f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
         )
@@ -97,7 +97,7 @@ def check_frames(plan: Plan) -> None:
         raise OptionError(f"{plan.format} must have normals; got none. Give --with normals.")
 
 
-def export_bop(source: Source, out: Path) -> Exported:
+def export_bop(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/SCENE/ with the files of `write_bop`; a scene is a variation of an object, its images are the views.
 
     Scenes that hide a drawn share of the object differ by view: each image lists what stands there. Models are the
@@ -118,7 +118,7 @@ def export_bop(source: Source, out: Path) -> Exported:
     return Exported(names, n_clouds, left_out=incomplete(source))
 
 
-def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
+def _images(source: CloudReader, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
     """Yield the scene of each view, what a camera without noise sees of it, and the sensor's depth."""
     first = source.take(of_views[:1])[0]
     scenes = scanned_scenes(source.plan, int(first["mesh_id"]), int(first["variation"]))

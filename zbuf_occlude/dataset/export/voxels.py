@@ -11,7 +11,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.export import Exported, incomplete, names_of, whole_objects
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
@@ -29,7 +29,7 @@ AROUND = fibonacci(100)
 PER_TURN = 10
 
 
-def export(source: Source, out: Path) -> Exported:
+def export(source: CloudReader, out: Path) -> Exported:
     """Write a folder for each object, and the list of a split's objects.
 
     CLASS/OBJECT/gt.npz           tsdf (32, 32, 32) float32, voxels bool: tsdf < 0

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.plan import BOXES, CLASSES_OF, Plan, Recipe
+from zbuf_occlude.dataset.plan import BOXES, CLASSES_OF, DatasetConfig, Plan
 from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import span_of
@@ -97,7 +97,7 @@ class Format:
         """Return the axes of its clouds, by those of the recipe's frame: its own, or those where these were chosen."""
         return self.axes if frame == "object" else ("x", "y", "z")
 
-    def to_frame(self, recipe: Recipe) -> NDArray[np.float32]:
+    def to_frame(self, recipe: DatasetConfig) -> NDArray[np.float32]:
         """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
         axes = self.axes_in(recipe.frame)
         turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
@@ -116,7 +116,7 @@ class Format:
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
 
-    def redrawn(self, recipe: Recipe) -> Recipe:
+    def redrawn(self, recipe: DatasetConfig) -> DatasetConfig:
         """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
         drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale", "overlap")}
         if recipe.scale != "cloud":

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import IDS, OFFSETS, Records, laid_out, taken
-from zbuf_occlude.dataset.source import Source, source_of_files
+from zbuf_occlude.dataset.records import IDS, OFFSETS, Records, read_rows, to_arrays
+from zbuf_occlude.dataset.source import CloudReader, source_of_files
 
 UNITS = {
     OFFSETS: "points of cloud i are those from offsets[i] to offsets[i + 1]",
@@ -54,7 +54,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
             h5.attrs["frame"] = plan.recipe.frame
             h5.attrs["scale"] = plan.recipe.scale
             h5.attrs["fingerprint"] = plan.fingerprint
-            for name, values in laid_out(records, plan.recipe).items():
+            for name, values in to_arrays(records, plan.recipe).items():
                 dataset = h5.create_dataset(name, values.shape, values.dtype, track_times=False)
                 n_rows = max(1, AT_ONCE // max(1, values[:1].nbytes))
                 for first in range(0, len(values), n_rows):
@@ -133,12 +133,12 @@ class _Disk:
         self._do(self._file.flush)
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds of these files."""
 
     def load(path: Path, rows: NDArray[np.intp]) -> Records:
         with h5py.File(path) as h5:
-            return taken(h5, rows, plan.recipe)
+            return read_rows(h5, rows, plan.recipe)
 
     return source_of_files(plan, out, files, lambda path: len(_read_ids(path)), load, read_ids=_read_ids)
 

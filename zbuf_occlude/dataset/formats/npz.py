@@ -9,8 +9,8 @@ import numpy as np
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import Records, laid_out, read_archive
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.records import Records, read_archive, to_arrays
+from zbuf_occlude.dataset.source import CloudReader, kept, source_of_files
 
 
 def file_name(split: str, number: int) -> str:
@@ -20,11 +20,11 @@ def file_name(split: str, number: int) -> str:
 
 def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     """Write one archive."""
-    fields = laid_out(records, plan.recipe)
+    fields = to_arrays(records, plan.recipe)
     atomic.write(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds of these files; the last file used is kept in memory."""
     return source_of_files(plan, out, files, _count, kept(lambda path: read_archive(path, plan.recipe)))
 

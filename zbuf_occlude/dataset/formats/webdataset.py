@@ -21,9 +21,9 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.dataset.records import Records, point_fields, record_type
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import CloudReader, kept, source_of_files
 
 TEXTS = 2
 """Members of each cloud that hold no array: its label, and its other fields."""
@@ -48,7 +48,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     atomic.write(path, fill)
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds of these shards; the last shard used is kept in memory."""
     return source_of_files(plan, out, files, _count, kept(lambda path: _read_shard(path, plan.recipe)))
 
@@ -73,7 +73,7 @@ def _count(path: Path) -> int:
         return sum(member.name.endswith(".json") for member in tar)
 
 
-def _read_shard(path: Path, recipe: Recipe) -> Records:
+def _read_shard(path: Path, recipe: DatasetConfig) -> Records:
     records: list[Records] = []
     keys: dict[str, int] = {}
     with tarfile.open(path) as tar:

@@ -17,9 +17,9 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_number
 from zbuf_occlude.dataset.pipeline import IN_ONE_PLACE, count_distinct
 from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.records import colors_of, draw, fit
+from zbuf_occlude.dataset.records import colors_of, draw, unit_box_transform
 from zbuf_occlude.dataset.torch.tensors import TensorMesh, is_dense, is_followed, place_of
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_fraction, check_int, check_word, shown
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_choice, check_fraction, check_int, shown
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
@@ -30,7 +30,7 @@ from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
@@ -60,7 +60,7 @@ class OnTheFlyOcclusion:
         Of the table of methods; one that needs no GL. "exact", or with a device "warp".
     method_options : mapping, optional
     scale : {"cloud", "mesh"}
-        As in `zbuf_occlude.dataset.plan.Recipe`.
+        As in `zbuf_occlude.dataset.plan.DatasetConfig`.
     eyes_per_sampling : int
         This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
         1: every cloud has points of its own.
@@ -120,11 +120,11 @@ class OnTheFlyOcclusion:
         distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
         cache_megabytes = as_number(cache_megabytes, "cache_megabytes", "a number from 0", lambda number: number >= 0.0)
         random_views(1, elevation=elevation)  # for its error
-        check_word("scale", scale, SCALES)
+        check_choice("scale", scale, SCALES)
         if not isinstance(attributes, Sequence) or isinstance(attributes, str):
             raise ArgumentError(f"attributes must be a sequence of words; got {shown(attributes)}.")
         for name in attributes:
-            check_word("attribute", name, ATTRIBUTES)
+            check_choice("attribute", name, ATTRIBUTES)
         if not isinstance(method_options, Mapping | None):
             raise ArgumentError(f"method_options must be a mapping; got {shown(method_options)}.")
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
@@ -186,7 +186,7 @@ class OnTheFlyOcclusion:
         if isinstance(cloud, torch.Tensor):
             return cloud
         if self.scale == "cloud":
-            centre, factor = fit(cloud[:, :3])
+            centre, factor = unit_box_transform(cloud[:, :3])
             cloud[:, :3] = (cloud[:, :3] - centre) * factor
         return torch.from_numpy(cloud.astype(np.float32))
 
@@ -394,7 +394,7 @@ class OnTheFlyScan:
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     **setup
         `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` of
-        `zbuf_occlude.sensors.setup.Setup`.
+        `zbuf_occlude.sensors.setup.ScanConfig`.
 
     Raises
     ------
@@ -421,12 +421,12 @@ class OnTheFlyScan:
         **setup: Any,
     ) -> None:
         check_int("n_points", n_points, 1)
-        check_word("scale", scale, SCALES)
+        check_choice("scale", scale, SCALES)
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
         self.n_points, self.scale = n_points, scale
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
-        self.setup = Setup(make(sensor, **(numbers or {})).document, **given)
+        self.setup = ScanConfig(make(sensor, **(numbers or {})).to_dict(), **given)
         if not isinstance(surroundings, MeshCollection | None):
             raise ArgumentError(
                 f"surroundings must be a MeshCollection; got {type(surroundings).__name__}. "
@@ -457,7 +457,7 @@ class OnTheFlyScan:
         if get_worker_info() is not None:
             use_threads(1)
         standing, size = in_metres(mesh, label, self.setup)
-        if standing.colors is not None and (standing.colors.passing == 1.0).all():
+        if standing.colors is not None and (standing.colors.transmittance == 1.0).all():
             raise MeshError(
                 f"a mesh must send some light back to be scanned; every material of {mesh.name} lets all light pass. "
                 "Give one a share below 1 in transparent."
@@ -473,10 +473,10 @@ class OnTheFlyScan:
             if count_distinct(capture.scan.positions) > 1:  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
                 if self.scale == "cloud":
-                    centre, factor = fit(positions)
+                    centre, factor = unit_box_transform(positions)
                     positions = (positions - centre) * factor
                 return torch.from_numpy(positions.astype(np.float32))
-        sensor, method = self.setup.made_sensor, self.setup.method
+        sensor, method = self.setup.sensor_model, self.setup.method
         why = IN_ONE_PLACE if len(seen) else why_empty(capture, sensor, method, self.setup.keep == "all").reason
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."

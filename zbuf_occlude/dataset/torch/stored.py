@@ -19,9 +19,9 @@ from torch.utils.data import Dataset, IterableDataset, get_worker_info
 from zbuf_occlude.dataset.folder import read_plan
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.records import resized
-from zbuf_occlude.dataset.source import Source, open_dataset
-from zbuf_occlude.errors import DatasetError, OptionError, check_word
+from zbuf_occlude.dataset.records import pad_or_truncate
+from zbuf_occlude.dataset.source import CloudReader, open_dataset
+from zbuf_occlude.errors import DatasetError, OptionError, check_choice
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
 Sample = tuple[torch.Tensor, torch.Tensor]
@@ -35,7 +35,7 @@ class _Opened:
 
     def __init__(self, folder: str | os.PathLike[str], split: str) -> None:
         self.folder, self.split = Path(folder), split
-        check_word("split", split, self.source.order)
+        check_choice("split", split, self.source.order)
         self.classes, self.numbers = self.source.plan.classes, self.source.order[split]
 
     def __len__(self) -> int:
@@ -45,7 +45,7 @@ class _Opened:
         return {name: value for name, value in self.__dict__.items() if name != "source"}  # opened again there
 
     @cached_property
-    def source(self) -> Source:
+    def source(self) -> CloudReader:
         """The dataset; forked processes may share it, for it opens files anew in each."""
         return open_dataset(self.folder)
 
@@ -69,7 +69,7 @@ class _Split(_Opened):
             most = f"lie in 1..{size}, the size of the clouds in {folder}" if size else "be at least 1"
             raise OptionError(f"n_points must {most}; got {n_points}.")
         for name in attributes:
-            check_word("attribute", name, source.plan.recipe.attributes)
+            check_choice("attribute", name, source.plan.recipe.attributes)
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.n_points = n_points or size
 
@@ -86,7 +86,7 @@ class _Split(_Opened):
         if "colors" in self.attributes:
             columns.append(record["color"] / np.float32(255))
         table = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
-        cloud = torch.from_numpy(np.array(table) if self.n_points is None else resized(table, self.n_points))
+        cloud = torch.from_numpy(np.array(table) if self.n_points is None else pad_or_truncate(table, self.n_points))
         return cloud if self.transform is None else self.transform(cloud), torch.tensor(int(record["label"][0]))
 
 
@@ -250,7 +250,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
         return partial, whole, torch.tensor(int(record["label"][0]))
 
     @cached_property
-    def source(self) -> Source:
+    def source(self) -> CloudReader:
         """The dataset, whose partial clouds have `n_partial` points."""
         plan = read_plan(self.folder)
         if plan.format != PACKED:
