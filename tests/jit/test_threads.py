@@ -58,7 +58,7 @@ def test_the_number_of_threads_is_the_callers_and_that_of_others_is_theirs() -> 
         "import torch\nfrom tests.jit.test_threads import answer\nfrom zbuf_occlude.jit.threads import *\n"
         "answer('exact'), answer('oracle')\nprint(n_threads(), torch.get_num_threads())\n"
         "use_threads(2)\nprint(n_threads())\n"
-        "with alone(): print(n_threads())\n"
+        "with single_threaded(): print(n_threads())\n"
         "use_threads(9)\nprint(n_threads())\n"
     )
     assert run(program, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="4").split() == ["4", "1", "2", "1", "4"]

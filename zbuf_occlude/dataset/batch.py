@@ -1,8 +1,8 @@
 """Batches: a few meshes made into clouds at a time; and what is known of batches and groups that are done.
 
 A batch's clouds are kept in a file of the work folder until they are in final files. It begins with a line of JSON, its
-`BatchReport`; then come the clouds, those of each final file together. It appears when it is whole, so a batch is done
-when its file is there. A group is done when ``groups/NUMBER.json``, the outcome of all its batches and its files, is there.
+`BatchReport`; then come the clouds, those of each final file together. A batch is done when its file, which appears
+whole, is there. A group is done when ``groups/NUMBER.json``, the report of all its batches and its files, is there.
 """
 
 import hashlib
