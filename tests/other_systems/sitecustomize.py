@@ -6,6 +6,7 @@ removed nor cut. Children that are spawned see it too; workers cannot be forked.
 """
 
 import builtins
+import importlib
 import io
 import os
 import signal
@@ -26,7 +27,7 @@ UNIX = {
 NO_MODULES = {"darwin": (), "win32": ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "readline", "syslog")}
 LACKING = {"darwin": LINUX, "win32": UNIX}[SYSTEM]
 
-real_import, real_open = builtins.__import__, io.open
+real_import, real_import_module, real_open = builtins.__import__, importlib.import_module, io.open
 
 
 class Proxy(ModuleType):
@@ -55,6 +56,14 @@ def of_the_package(name: str, globals: Any = None, *rest: Any, **options: Any) -
         if name in PROXIES:
             return PROXIES[name]
     return real_import(name, globals, *rest, **options)
+
+
+def module_of_the_system(name: str, package: str | None = None) -> Any:
+    """Import as `importlib.import_module` does, but for the package's own modules."""
+    asks = sys._getframe(1).f_globals.get("__name__") or ""
+    if asks.partition(".")[0] == "zbuf_occlude" and name in NO_MODULES[SYSTEM]:
+        raise ModuleNotFoundError(f"No module named {name!r} on {SYSTEM}", name=name)
+    return real_import_module(name, package)
 
 
 def without_proc(file: Any, *arguments: Any, **options: Any) -> Any:
@@ -100,6 +109,7 @@ def no_fork(*_: Any) -> Any:
 
 
 builtins.__import__, builtins.open, io.open = of_the_package, without_proc, without_proc
+importlib.import_module = module_of_the_system
 os.fork = no_fork
 if SYSTEM == "win32":
     for name in ("replace", "rename", "unlink", "remove", "truncate", "link"):

@@ -10,6 +10,7 @@ import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
@@ -230,7 +231,7 @@ def locked(out: Path, groups: range | None = None, *, wait: bool = False) -> Ite
     """
     out.mkdir(parents=True, exist_ok=True)
     try:
-        import fcntl
+        fcntl = import_module("fcntl")
     except ImportError:  # only Unix has it
         yield
         return
