@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,9 +96,10 @@ class GivenUp(NamedTuple):
 
 def address_space() -> int | None:
     """Return how many bytes this process may address (``ulimit -v``); None where nothing limits it."""
-    if find_spec("resource") is None:  # Windows has none
+    try:
+        resource = import_module("resource")
+    except ImportError:  # only Unix has it
         return None
-    resource = import_module("resource")
     allowed: int = resource.getrlimit(resource.RLIMIT_AS)[0]
     return None if allowed == resource.RLIM_INFINITY else allowed
 
