@@ -28,7 +28,7 @@ import math
 
 import numpy as np
 
-from zbuf_occlude.jit.compiler import always_inline, device_function, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, external, njit
 from zbuf_occlude.jit.simd import fma
 
 FILTER = 9.0 * 2.0**-53
@@ -80,6 +80,15 @@ def determinant(least, x, x_low, y, y_low, z, z_low):
     float
         A value beyond float64's range is infinite, or the smallest number.
     """
+    return _determinant(
+        least, x[0], x[1], x[2], x_low[0], x_low[1], x_low[2], y[0], y[1], y[2], y_low[0], y_low[1], y_low[2],
+        z[0], z[1], z[2], z_low[0], z_low[1], z_low[2],
+    )  # fmt: skip
+
+
+@external("float64(" + "float64," * 18 + "float64)")
+def _determinant(least, x0, x1, x2, x3, x4, x5, y0, y1, y2, y3, y4, y5, z0, z1, z2, z3, z4, z5):
+    x, x_low, y, y_low, z, z_low = (x0, x1, x2), (x3, x4, x5), (y0, y1, y2), (y3, y4, y5), (z0, z1, z2), (z3, z4, z5)
     value, error = _two_term(x, x_low, y, y_low, z, z_low)
     if abs(value) > least * error or _loses_nothing(x, x_low, y, y_low, z, z_low):
         return value

@@ -12,7 +12,7 @@ a line within the face's plane, which no face blocks (paper Eq. 6 has no solutio
 import math
 
 from zbuf_occlude.geometry.determinants import CLEAR, SIGN, compare_quotients, determinant, filtered, low_part
-from zbuf_occlude.jit.compiler import always_inline, device_function, njit
+from zbuf_occlude.jit.compiler import always_inline, device_function, external, njit
 from zbuf_occlude.jit.vec3 import dot, minus
 
 EXACTLY = (0.0, 0.0, 0.0)
@@ -43,6 +43,16 @@ def passes(origin, direction, a, b, c):
 @njit()
 def passes_exactly(origin, direction, direction_low, a, b, c):
     """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not."""
+    o, d, e = origin, direction, direction_low
+    return _passes_exactly(
+        o[0], o[1], o[2], d[0], d[1], d[2], e[0], e[1], e[2], a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
+    )
+
+
+@external("int64(" + "float64," * 17 + "float64)")
+def _passes_exactly(o0, o1, o2, d0, d1, d2, e0, e1, e2, a0, a1, a2, b0, b1, b2, c0, c1, c2):
+    origin, direction, direction_low = (o0, o1, o2), (d0, d1, d2), (e0, e1, e2)
+    a, b, c = (a0, a1, a2), (b0, b1, b2), (c0, c1, c2)
     u, v, w = _side(origin, direction, b, c), _side(origin, direction, c, a), _side(origin, direction, a, b)
     side = 0
     for sign in (u, v, w):  # those that the filter tells, first: most triangles are missed
@@ -232,9 +242,20 @@ def is_nearer(
 @njit()
 def compare_hits(origin, direction, corners, other_corners):
     """Return -1, 0 or 1, exactly: a ray that meets two faces meets the first before, with or after the other."""
-    direction = (direction[0], direction[1], direction[2])
-    a, b, c = corners
-    d, e, f = other_corners
+    o, v, (a, b, c), (d, e, f) = origin, direction, corners, other_corners
+    return _compare_hits(
+        o[0], o[1], o[2], v[0], v[1], v[2], a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2],
+        d[0], d[1], d[2], e[0], e[1], e[2], f[0], f[1], f[2],
+    )  # fmt: skip
+
+
+@external("int64(" + "float64," * 23 + "float64)")
+def _compare_hits(
+    o0, o1, o2, v0, v1, v2, a0, a1, a2, b0, b1, b2, c0, c1, c2, d0, d1, d2, e0, e1, e2, f0, f1, f2
+):  # fmt: skip
+    origin, direction = (o0, o1, o2), (v0, v1, v2)
+    corners = a, b, c = (a0, a1, a2), (b0, b1, b2), (c0, c1, c2)
+    other_corners = d, e, f = (d0, d1, d2), (e0, e1, e2), (f0, f1, f2)
     if _meet_at_once(origin, direction, corners, other_corners):
         return 0
     # the height's rows begin at the face, so both quotients are negated

@@ -39,15 +39,11 @@ class Kernel:
             import numba  # late: see above
 
             _listen()
+            _define_externals()
             folder = cache_folder() if self._options.get("cache") else None
-            with _lock:
-                # numba looks for the folder while a function is declared; functions of others keep theirs
-                before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
-                try:
-                    options = {**self._options, "cache": folder is not None}
-                    self._dispatcher = self._dispatcher or numba.njit(**options)(self._function)
-                finally:
-                    numba.config.CACHE_DIR = before
+            with _lock, _caching_in(folder):
+                options = {**self._options, "cache": folder is not None}
+                self._dispatcher = self._dispatcher or numba.njit(**options)(self._function)
         return self._dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
@@ -59,6 +55,86 @@ class Kernel:
         if name.startswith("__"):
             raise AttributeError(name)
         return getattr(self._declared(), name)
+
+
+class External:
+    """A function of numbers that compiled functions call by its symbol, so that it is compiled once.
+
+    numba optimises any other function anew within each of its callers, at every level of them. For one that is large and
+    seldom called, that takes most of the time of compiling.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: str) -> None:
+        update_wrapper(self, function)  # type: ignore[arg-type]  # it cannot be called in Python
+        self._function, self._signature = function, signature
+        self._compiled: Any = None
+        self._begun = False
+        _externals.append(self)
+
+    @property
+    def is_defined(self) -> bool:
+        """True where the symbol has an address."""
+        return self._compiled is not None
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The function's type, for numba."""
+        import numba  # late: see above
+
+        self.define()
+        return numba.types.ExternalFunction(self._symbol, self._compiled._sig)
+
+    @property
+    def _symbol(self) -> str:
+        return f"{self._function.__module__}.{self._function.__name__}"
+
+    def define(self) -> None:
+        """Compile the function, or read it from the cache, and give its symbol the address; once."""
+        if self._begun:
+            return
+        import numba  # late: see above
+        from llvmlite import binding
+
+        self._begun = True  # what it calls asks for all external functions too
+        folder = cache_folder()
+        try:
+            with _caching_in(folder):
+                compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+            binding.add_symbol(self._symbol, compiled.address)
+            self._compiled = compiled
+        finally:
+            self._begun = self.is_defined
+
+
+_externals: list[External] = []
+
+
+def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator of functions with a signature of numba's, of float64 and int64 alone."""
+    return lambda function: External(function, signature)
+
+
+def _define_externals() -> None:
+    """Define the external functions of all modules so far: compiled code in the cache does not say which it calls."""
+    if all(each.is_defined for each in _externals):
+        return
+    from numba.core.compiler_lock import global_compiler_lock  # late: see above
+
+    with global_compiler_lock:  # no other thread may run such code before
+        for each in _externals:
+            each.define()
+
+
+@contextmanager
+def _caching_in(folder: Path | None) -> Iterator[None]:
+    """Let numba keep what is declared within the block in a folder; functions of others keep theirs."""
+    import numba  # late: see above
+
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
