@@ -13,7 +13,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any
 
@@ -60,53 +60,27 @@ class Kernel:
 class External:
     """A function of numbers that compiled functions call by its symbol, so that it is compiled once.
 
-    numba optimises any other function anew within each of its callers, at every level of them. For one that is large and
-    seldom called, that takes most of the time of compiling.
+    numba optimises any other function anew within each of its callers, at every level of them. For one that is large
+    and seldom called, that takes most of the time of compiling.
     """
 
     def __init__(self, function: Callable[..., Any], signature: str) -> None:
         update_wrapper(self, function)  # type: ignore[arg-type]  # it cannot be called in Python
         self._function, self._signature = function, signature
-        self._compiled: Any = None
-        self._begun = False
-        _externals.append(self)
+        _undefined.append(self)
 
-    @property
-    def is_defined(self) -> bool:
-        """True where the symbol has an address."""
-        return self._compiled is not None
-
-    @property
+    @cached_property
     def _numba_type_(self) -> Any:
-        """The function's type, for numba."""
-        import numba  # late: see above
-
-        self.define()
-        return numba.types.ExternalFunction(self._symbol, self._compiled._sig)
-
-    @property
-    def _symbol(self) -> str:
-        return f"{self._function.__module__}.{self._function.__name__}"
-
-    def define(self) -> None:
-        """Compile the function, or read it from the cache, and give its symbol the address; once."""
-        if self._begun:
-            return
+        """The function as numba types it, compiled or read from the cache; its symbol has its address."""
         import numba  # late: see above
         from llvmlite import binding
 
-        self._begun = True  # what it calls asks for all external functions too
         folder = cache_folder()
-        try:
-            with _caching_in(folder):
-                compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
-            binding.add_symbol(self._symbol, compiled.address)
-            self._compiled = compiled
-        finally:
-            self._begun = self.is_defined
-
-
-_externals: list[External] = []
+        with _caching_in(folder):
+            self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+        symbol = f"{self._function.__module__}.{self._function.__name__}"
+        binding.add_symbol(symbol, self._compiled.address)
+        return numba.types.ExternalFunction(symbol, self._compiled._sig)
 
 
 def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
@@ -114,15 +88,28 @@ def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
     return lambda function: External(function, signature)
 
 
+_undefined: list[External] = []
+_is_defining = False
+
+
 def _define_externals() -> None:
     """Define the external functions of all modules so far: compiled code in the cache does not say which it calls."""
-    if all(each.is_defined for each in _externals):
+    global _is_defining
+    if not _undefined:
         return
     from numba.core.compiler_lock import global_compiler_lock  # late: see above
 
-    with global_compiler_lock:  # no other thread may run such code before
-        for each in _externals:
-            each.define()
+    with global_compiler_lock:  # other threads wait here until the symbols are there
+        if _is_defining:  # this thread compiles one, which asks for those that it calls
+            return
+        _is_defining = True
+        try:
+            while _undefined:
+                each = _undefined[-1]
+                _ = each._numba_type_
+                _undefined.remove(each)
+        finally:
+            _is_defining = False
 
 
 @contextmanager
