@@ -105,7 +105,7 @@ def _define_externals() -> None:
         _is_defining = True
         try:
             while _undefined:
-                each = _undefined[-1]
+                each = _undefined[0]  # one calls those before it alone
                 _ = each._numba_type_
                 _undefined.remove(each)
         finally:
