@@ -32,7 +32,7 @@ def test_from_a_dataset_to_figures(run: Run, modelnet: Path, tmp_path: Path) -> 
     assert f"accuracy {document['accuracy']:.1%} of 24 clouds" in tested.out
     assert [line.split()[:2] for line in tested.out.splitlines()[1:3]] == [["ball", "12"], ["brick", "12"]]
     assert (tmp_path / "figures" / "evaluation.png").read_bytes()[1:4] == b"PNG"
-    run(f"train clouds {QUICK} --seed 1 --out model", code=1, says="must be empty or of this same training")
+    run(f"train clouds {QUICK} --seed 1 --out model", code=1, says="must be empty or hold this same training")
 
 
 def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) -> None:

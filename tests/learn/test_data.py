@@ -78,8 +78,8 @@ def test_too_many_points_and_sets_that_do_not_fit() -> None:
     clouds = some_clouds()
     with pytest.raises(ArgumentError, match=r"n must lie in 1\.\.9, the points of each cloud; got 10"):
         clouds.select_points(10, seed=0)
-    with pytest.raises(ArgumentError, match="sets to be joined must have the same classes and sizes"):
-        CloudSet.joined(clouds, clouds.select_points(4, seed=0))
+    with pytest.raises(ArgumentError, match="both sets must have the same classes and the same size"):
+        CloudSet.concatenate(clouds, clouds.select_points(4, seed=0))
 
 
 @pytest.mark.parametrize("format", ["packed", "hdf5"])

@@ -65,7 +65,7 @@ def test_json_and_png(tmp_path: Path) -> None:
 
 
 def test_a_picture_shows_each_count() -> None:
-    axes = EVALUATION.draw().axes[0]
+    axes = EVALUATION.plot().axes[0]
     texts = {(int(t.get_position()[0]), int(t.get_position()[1])): t.get_text() for t in axes.texts}
     assert texts == {(0, 0): "3", (1, 0): "1", (0, 1): "2", (1, 1): "4"}
     assert [label.get_text() for label in axes.get_yticklabels()] == list(CLASSES)
@@ -79,7 +79,7 @@ def test_classes_of_any_name(tmp_path: Path) -> None:
     evaluation = Confusion(names, names, EVALUATION.counts)
     evaluation.write(tmp_path)
     assert list(json.loads((tmp_path / "evaluation.json").read_text())["classes"]) == sorted(names)
-    assert [label.get_text() for label in evaluation.draw().axes[0].get_xticklabels()] == list(names)
+    assert [label.get_text() for label in evaluation.plot().axes[0].get_xticklabels()] == list(names)
 
 
 def test_every_cloud_is_asked_about_once_and_in_evaluation_mode() -> None:

@@ -68,7 +68,7 @@ def test_eight_clouds_are_learnt_by_heart(name: str) -> None:
     torch.manual_seed(1)
     network = find_model(name).build(4)
     points, labels = network.normalise(clouds(8, 64)), torch.tensor([3, 1, 0, 2, 2, 0, 1, 3])
-    network.settle(0.0)
+    network.anneal_momentum(0.0)
     optimizer = torch.optim.Adam(network.parameters(), 0.001, fused=True)
     for step in range(120):
         loss = network.loss(points, labels)

@@ -128,7 +128,9 @@ def test_stopped_and_resumed_it_ends_with_the_same_weights(
         with pytest.raises(how):
             train(CONFIG, boxes(24, 0), boxes(8, 1), folder, checkpoint_seconds=seconds)
     assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
-    with pytest.raises(DatasetError, match=rf"it has no {MODEL}. Its training is not done; run the same command again"):
+    with pytest.raises(
+        DatasetError, match=rf"it has no {MODEL}. Its training is not finished; run the same command again"
+    ):
         load_trained(folder)
     (folder / ".zbuf-0123456789abcdef.part").write_bytes(b"what a kill while writing leaves")
     numbers: list[int] = []
@@ -150,7 +152,7 @@ def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path)
         ((SHORT, boxes(8, 5), CLOUDS[1]), "clouds"),
         ((SHORT, CLOUDS[0], CLOUDS[0]), "clouds"),
     ):
-        said = rf"must be empty or of this same training; it holds one with other {different}\. Choose"
+        said = rf"must be empty or hold this same training; it holds one with other {different}\. Choose"
         with pytest.raises(DatasetError, match=said):
             train(*other, tmp_path)
 
@@ -216,44 +218,44 @@ def test_devices() -> None:
     for name in ("tpu", "cuda:one", "cpu:"):
         with pytest.raises(OptionError, match="device must be auto, cpu, cuda or cuda:N; got"):
             TrainConfig(device=name).find_device()
-    with pytest.raises(UnavailableError, match=r"device 'cuda:99' must be there; PyTorch sees \d+ CUDA devices"):
+    with pytest.raises(UnavailableError, match=r"device 'cuda:99' is not available: PyTorch sees \d+ CUDA devices"):
         TrainConfig(device="cuda:99").find_device()
 
 
 def test_clouds_that_cannot_be_trained_on(tmp_path: Path) -> None:
     clouds = boxes(4, 0)
-    with pytest.raises(ArgumentError, match="needs 2 clouds and validation 1, at least; got 1 and 4"):
+    with pytest.raises(ArgumentError, match="needs at least 2 clouds and validation at least 1; got 1 and 4"):
         train(CONFIG, clouds.subset([0]), clouds, tmp_path)
     alone = replace(clouds.subset([0, 2]), classes=("flat",))
-    with pytest.raises(ArgumentError, match="training needs 2 classes, at least; the clouds have flat"):
+    with pytest.raises(ArgumentError, match="training needs at least 2 classes; the clouds have flat"):
         train(CONFIG, alone, alone, tmp_path)
     with pytest.raises(ArgumentError, match="same classes; got flat, tall and low, high"):
         train(CONFIG, clouds, replace(clouds, classes=("low", "high")), tmp_path)
-    with pytest.raises(OptionError, match="n_points must be at most 40, those of a cloud; got 41"):
+    with pytest.raises(OptionError, match="n_points must be at most 40, the points of a cloud; got 41"):
         train(replace(CONFIG, n_points=41), clouds, clouds, tmp_path)
 
 
 def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See: zbuf-occlude train"):
+    with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See zbuf-occlude train"):
         load_trained(tmp_path)
     train(SHORT, *CLOUDS, tmp_path)
     whole = (tmp_path / MODEL).read_bytes()
     for damaged in (b"", b"nonsense", whole[: len(whole) // 2]):
         (tmp_path / MODEL).write_bytes(damaged)
-        with pytest.raises(DatasetError, match="must be a file that training wrote; it cannot be read"):
+        with pytest.raises(DatasetError, match="is damaged: it cannot be read"):
             load_trained(tmp_path)
     for another in ({"weights": {}}, {"fingerprint": ""}, [], torch.zeros(2)):
         torch.save(another, tmp_path / MODEL)
         for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
-            with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
+            with pytest.raises(DatasetError, match="was not written by `train`"):
                 read()
     (tmp_path / MODEL).unlink()
     for n_bytes in (1000, 5000):  # PyTorch fails on the second with an OSError that names no file
         (tmp_path / CHECKPOINT).write_bytes(whole[:n_bytes])
-        with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote; it cannot be read"):
+        with pytest.raises(DatasetError, match=rf"{CHECKPOINT} is damaged: it cannot be read"):
             train(SHORT, *CLOUDS, tmp_path)
     (tmp_path / CHECKPOINT).write_bytes(whole)  # a model is no checkpoint
-    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be as .* wrote it; it is not \(no 'optimizer'\)"):
+    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} does not match this version's network \(no 'optimizer'\)"):
         train(SHORT, *CLOUDS, tmp_path)
     document = torch.load(tmp_path / CHECKPOINT)
     (tmp_path / CHECKPOINT).unlink()
@@ -268,13 +270,13 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
     ):
         torch.save({**document, part: value}, tmp_path / MODEL)
         for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
-            with pytest.raises(DatasetError, match=rf"{MODEL} must be as this version's .* it is not \(.*{reason}"):
+            with pytest.raises(DatasetError, match=rf"{MODEL} does not match this version's network \(.*{reason}"):
                 read()
 
 
 def test_a_training_that_fell_apart_leaves_no_model(tmp_path: Path) -> None:
     """The only step goes astray: its loss was still right, the weights after it are not."""
-    with pytest.raises(OptionError, match=r"must stay finite; in epoch 1 it is .*\. Lower the learn"):
+    with pytest.raises(OptionError, match=r"The loss is .* in epoch 1; it must stay finite\. Lower the learn"):
         train(replace(SHORT, learning_rate=1e38), *CLOUDS, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -98,7 +98,7 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
 def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
     """Return the clouds of a split of all datasets; DatasetError or ArgumentError where they do not fit together."""
-    return reduce(CloudSet.joined, (load_clouds(folder, split) for folder in folders))
+    return reduce(CloudSet.concatenate, (load_clouds(folder, split) for folder in folders))
 
 
 @click.command(cls=Command)

@@ -281,7 +281,7 @@ class Elevation(Experiment):
 
     @cached_property
     def _all(self) -> CloudSet:
-        return reduce(CloudSet.joined, map(self._split, SPLITS))
+        return reduce(CloudSet.concatenate, map(self._split, SPLITS))
 
     @cached_property
     def _for_validation(self) -> Any:
@@ -410,7 +410,7 @@ class Augmentation(Experiment):
     def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
         """Return the clouds of a split; `kind` is of `TRAINING_SETS`: generated (by a method), original, both."""
         names = [method.label] * (kind != ORIGINAL) + [ORIGINAL] * (kind != GENERATED)
-        return reduce(CloudSet.joined, (self.load(name, split, n_points) for name in names))
+        return reduce(CloudSet.concatenate, (self.load(name, split, n_points) for name in names))
 
     def trials(self) -> list[Trial]:
         """Return the trials of Table 3B, then those that compare methods.
