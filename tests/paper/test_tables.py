@@ -72,9 +72,9 @@ def test_table_1b_has_the_grids_error_beside() -> None:
 
 def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
     n_faces, n_points, areas = defaultdict[str, set[int]](set), defaultdict[str, set[int]](set), []
-    for case in cases.scaling(0):
+    for case in cases.scaling_cases(0):
         if "100,000" not in case.label and "30" not in case.label:
-            question = case.make()
+            question = case.make_question()
             n_faces[case.facts["sweep"]].add(len(question.mesh.faces))
             n_points[case.facts["sweep"]].add(len(question.points))
             areas.append(question.mesh.areas.sum())
@@ -89,8 +89,8 @@ def test_random_views_are_drawn_for_each_object() -> None:
     entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
     asked = [
         [
-            case.make().views.eyes
-            for case in cases.of_meshes(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
+            case.make_question().views.eyes
+            for case in cases.mesh_cases(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
         ]
         for some in (MeshCollection(entries), MeshCollection(entries[1:]))
     ]
@@ -103,15 +103,15 @@ def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "chair_1.off").write_bytes(CHAIR.read_bytes())
-    found = cases.of_meshes(
+    found = cases.mesh_cases(
         MeshCollection.from_paths(tmp_path), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
     assert len({case.label for case in found}) == 2
-    (single,) = cases.of_meshes(
+    (single,) = cases.mesh_cases(
         MeshCollection.from_paths(CHAIR), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
     assert single.label == "chair_0003"
-    question = single.make()
+    question = single.make_question()
     assert len(question.views) == 3
     assert np.allclose(
         np.linalg.norm(question.views.eyes - question.mesh.centre, axis=1), 4 * question.mesh.longest_side
