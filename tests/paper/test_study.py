@@ -58,15 +58,15 @@ class Heard(Progress):
         self.n_reports, self.n_clouds = n_reports, n_clouds
         self.planned, self.made, self.trials = 0, 0, list[tuple[str, float]]()
 
-    def plan(self, n_clouds: int, n_trials: int) -> None:
+    def set_totals(self, n_clouds: int, n_trials: int) -> None:
         self.planned = n_clouds
 
-    def clouds(self, n: int) -> None:
+    def add_clouds(self, n: int) -> None:
         self.made += n
         if self.made >= self.n_clouds:
             raise Stop
 
-    def trial(self, key: str, share: float) -> None:
+    def update_trial(self, key: str, share: float) -> None:
         self.trials.append((key, share))
         if len(self.trials) == self.n_reports:
             raise Stop
@@ -105,7 +105,7 @@ def test_every_classifier_is_there(folder: Path) -> None:
         if result.experiment == ELEVATION:
             assert set(result.tests) == {str(e) for e in TEST_ELEVATIONS}
             assert all(
-                test.counts.sum() == (40 if result.is_of(split="elevations") else 8) for test in result.tests.values()
+                test.counts.sum() == (40 if result.matches(split="elevations") else 8) for test in result.tests.values()
             )
         else:
             assert result.tests["original"].counts.sum(axis=1).tolist() == [1] * 8
@@ -157,7 +157,9 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
     assert "Test 3 has 56 clouds" in text
     assert "Real scans: -z of the files is up, assumed" in text, "these are noise"
     assert "](scans.png)" in text
-    with pytest.raises(DatasetError, match=r"must be turned as before \(-z of the files is up.*now z would be up"):
+    with pytest.raises(
+        DatasetError, match=r"The up axis of the scans .* has changed \(-z of the files is up.*now it is z"
+    ):
         run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, scans_up="z", workers=1)
 
 
@@ -175,7 +177,7 @@ def complain() -> CloudSet:
 @pytest.mark.parametrize(
     ("end", "error", "message"),
     [
-        (kill_oneself, UnavailableError, "the processes that train must live; one was killed"),
+        (kill_oneself, UnavailableError, "A worker of the training failed: its process was killed"),
         (complain, DatasetError, "it is not there"),
     ],
 )
@@ -245,9 +247,9 @@ def test_elevation_sets(folder: Path) -> None:
 
 def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
     elevation = Elevation(shapes.collection(), FULL, tmp_path)
-    assert elevation.n_clouds == 200_000
+    assert elevation.max_clouds == 200_000
     augmentation = Augmentation(shapes.collection(), FULL, tmp_path)
-    plan = augmentation.plan(MAIN)
+    plan = augmentation.plan_of(MAIN)
     assert plan.n_clouds == 15_000
     splits = [entry.split for entry in plan.meshes]
     assert [25 * splits.count(split) for split in ("train", "val", "test")] == [8_000, 2_000, 5_000]
@@ -280,7 +282,7 @@ def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> 
 def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(tmp_path: Path) -> None:
     write_modelnet(tmp_path / "meshes", MODELNET10, 30, 40)
     for experiments in ([AUGMENTATION], [ELEVATION, AUGMENTATION]):
-        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 will do for"):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 suffices for"):
             run_study(tmp_path / "study", FULL, experiments=experiments, modelnet=tmp_path / "meshes")
     assert not (tmp_path / "study").exists()
     with pytest.raises(DatasetError, match="none of 200 did"):  # these meshes are empty; what it would be is written
@@ -293,7 +295,7 @@ def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(t
 
 
 def test_what_augmentation_takes(tmp_path: Path) -> None:
-    views = Augmentation(shapes.collection(), replace(TINY, views=5), tmp_path).plan(MAIN).views
+    views = Augmentation(shapes.collection(), replace(TINY, views=5), tmp_path).plan_of(MAIN).views
     assert degrees(views.elevation).tolist() == [-80, -40, 0, 40, 80]
     assert sorted(degrees(views.azimuth) % 360) == [0, 72, 144, 216, 288]
     with pytest.raises(OptionError, match="must find 75 meshes of each of airplane"):
@@ -302,11 +304,11 @@ def test_what_augmentation_takes(tmp_path: Path) -> None:
 
 def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
     assert len(find_objects()) == 600, "the built-in ones"
-    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 comes from https://modelnet"):
+    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 is at https://modelnet"):
         find_objects(tmp_path / "nowhere")
     write_modelnet(tmp_path, ("bathtub", "bed", "chair", "table"), 1, 1)
     for any_ten in (False, True):
-        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 is at"):
             find_objects(tmp_path, any_ten=any_ten)
 
 
@@ -323,8 +325,8 @@ def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> Non
     whole = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
     for number in (1, 2):
         (tmp_path / "meshes" / "bed" / "train" / f"bed_000{number}.off").write_text(whole)
-    with pytest.raises(MeshError, match=r"each class must have a mesh .*; car has none.*car_0001\.off.*'noth"):
-        Two(TINY, tmp_path / "one").make(lambda n: None)
+    with pytest.raises(MeshError, match=r"No mesh of class car can be used.*car_0001\.off.*'noth"):
+        Two(TINY, tmp_path / "one").make_datasets(lambda n: None)
     (tmp_path / "meshes" / "car" / "train" / "car_0002.off").write_text(whole)
-    failures = Two(TINY, tmp_path / "other").make(lambda n: None)
+    failures = Two(TINY, tmp_path / "other").make_datasets(lambda n: None)
     assert [key.split("/")[-1] for key in failures] == ["car_0001.off"]

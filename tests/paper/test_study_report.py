@@ -61,7 +61,7 @@ def test_the_page_needs_nothing_else_and_says_what_the_text_says(folder: Path) -
         assert words.replace("'", "&#x27;") in page
     assert "no | luck" in text
     assert "Sryamkin" in page
-    assert "Guessing would be right in 50.0 % (of 2 classes)." in text
+    assert "A random guess is right in 50.0 % (of 2 classes)." in text
     assert "could not be used" not in text
     for picture in re.findall(r"\]\((\w+\.png)\)", text):
         assert (folder / picture).stat().st_size > 5_000
