@@ -71,7 +71,7 @@ def test_doctor_says_once_that_exact_is_complete(
 ) -> None:
     rows = (Probe("egl", None, works=False, reason="libEGL is not here"), Probe("osmesa", None, works=False, reason=""))
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: rows)
-    monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")
+    monkeypatch.setattr("zbuf_occlude.cli.lists.reason_missing", lambda method: "")
     monkeypatch.setattr("zbuf_occlude.cli.lists.tried", lambda package, module: broken)
     page = run("doctor", code=code).out
     last = page.splitlines()[-1]

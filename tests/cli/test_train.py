@@ -44,7 +44,7 @@ def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) ->
     assert (config["n_points"], config["rotate"], config["jitter"]) == (20, False, True)
     assert "of 48 clouds" in run("evaluate model one two --device cpu").out
     run(f"generate {modelnet} {SMALL} --sample-size 19 --out small")
-    said = "must have clouds of the 20 points that the model was trained with, at least; theirs have 19"
+    said = "must have at least the 20 points that the model was trained with; those of DIR have 19"
     run("evaluate model small --device cpu", code=1, says=said)
 
 
@@ -80,7 +80,7 @@ def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path
     (modelnet / "ball" / "val").mkdir()
     (modelnet / "ball" / "train" / "ball_3.off").rename(modelnet / "ball" / "val" / "ball_3.off")
     run(f"generate {modelnet} {SMALL} --out clouds")
-    said = "warning: val has classes that are not trained on: cube"
+    said = "warning: val has classes without training clouds: cube"
     assert "warning: test" not in run(f"train clouds {QUICK} --out model", says=said).err
 
 
