@@ -1,4 +1,4 @@
-"""The small commands, methods, doctor and sensors; what the shell hands over: closed streams, limits, a lost folder."""
+"""Commands `methods`, `doctor` and `sensors`; closed streams, memory limits and a removed current folder."""
 
 import json
 import subprocess
@@ -16,7 +16,7 @@ from zbuf_occlude.sensors import SENSORS
 
 
 def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
-    """As daemons have them; what is opened next must not be taken for one of them, nor a bar fail for want of it."""
+    """Closed standard streams, as daemons have: no file may replace them, and progress bars must not fail."""
     options = "--limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 1"
     command = f"exec {sys.executable} -m zbuf_occlude generate {options} --out out <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""What is refused: one line says what is wrong, what there is and which was meant; and pages of help."""
+"""Wrong arguments: one line with the error, the possible values and the nearest one; pages of help."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What people type and keep on their disks without thinking of this program: one clear line, or the right thing."""
+"""Unusual arguments and files: each gives the right result or one line of error."""
 
 import os
 import re
@@ -28,7 +28,7 @@ def tetrahedron(tmp_path: Path) -> Path:
 
 
 def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cluster's front end may have no driver: the plan is told all the same, and that."""
+    """Without OpenGL, as on a cluster's front end, --dry-run prints the plan and a warning."""
 
     def refuse(*_: object, **__: object) -> None:
         raise GlError("no driver here.")
@@ -55,7 +55,7 @@ def test_an_output_folder_that_may_not_be_made_is_a_usage_error(
 
 
 def test_a_dry_run_into_a_folder_that_is_another_s(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
-    """It says what `generate` would."""
+    """The message is that of `generate`."""
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
     line = f"generate {tetrahedron} {SMALL}"

@@ -1,4 +1,4 @@
-"""train and evaluate: from a dataset to a model and its figures; what is wrong is said in one line."""
+"""train and evaluate: from a dataset to a model and its scores; one-line errors."""
 
 import json
 from pathlib import Path
@@ -61,7 +61,7 @@ def test_splits_that_share_no_class_are_refused(run: Run) -> None:
 
 
 def test_a_test_split_of_other_classes_is_refused(run: Run, modelnet: Path) -> None:
-    """What validates is held out of train, and shares its classes; the test split does not."""
+    """Validation is held out of train and shares its classes; the test split does not."""
     for label in ("ball", "brick"):
         (modelnet / f"{label}s").mkdir()
         (modelnet / label / "test").rename(modelnet / f"{label}s" / "test")
@@ -70,7 +70,7 @@ def test_a_test_split_of_other_classes_is_refused(run: Run, modelnet: Path) -> N
 
 
 def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    """Of three classes one has no object to train on; of the two others three objects each."""
+    """One of three classes has no training object; the others have three each."""
     for name in ("cube", "ball", "brick"):
         for number in (2, 3):
             source = modelnet / ("ball" if name == "ball" else "brick") / "train"

@@ -1,4 +1,4 @@
-"""The report: from rows alone, one file, and in a real browser: no errors, the cloud drawn, and it turns."""
+"""The report: made from rows alone, self-contained; in a browser the cloud is drawn and turns."""
 
 import json
 import re
@@ -21,7 +21,7 @@ SUBJECTS = [Subject("oracle"), Subject("embree"), *(Subject("occupancy_grid", {"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small comparison with everything a report shows."""
+    """A small comparison with all parts of a report."""
     out = tmp_path_factory.mktemp("comparison")
     around = views.modelnet8()
     cases = [

@@ -1,4 +1,4 @@
-"""The measures of error against closed forms and plain loops; from rows to rankings."""
+"""Measures of error against closed forms and plain loops; rankings from rows."""
 
 from typing import Any
 
@@ -105,7 +105,7 @@ def test_standings_are_means_over_the_meshes_least_wrong_first() -> None:
 
 
 def test_a_mesh_without_a_pair_to_compare_makes_no_subject_right() -> None:
-    """All its pairs lie in the boundary band: it is in no mean, and a dash in the table."""
+    """A mesh whose pairs all lie in the boundary band is in no mean, and a dash in the table."""
     band = row("quick:n=1", "c", 0.0, 1.0)
     band["judged"]["outside"] = metrics.as_fractions({"n": 0, "false_visible": 0, "false_hidden": 0})
     ranking = {one.subject: one for one in metrics.rank_subjects([*ROWS, band])}

@@ -1,4 +1,4 @@
-"""Rows are true, resume, and survive subjects that fail, die or hang."""
+"""Rows are right and resume; subjects may fail, crash or hang."""
 
 import os
 from contextlib import closing
@@ -43,7 +43,7 @@ def broken() -> Question:
 
 
 def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
-    """Seen from above the upper plate hides the lower one: half the area is visible."""
+    """From above, the upper plate hides the lower one: half the area is visible."""
     cases = [
         Case("meshes", "plates", plates, [Subject("oracle"), Subject("occupancy_grid", {"n": 8})]),
         Case("meshes", "broken", broken, [Subject("oracle")]),
@@ -90,7 +90,7 @@ def test_what_cannot_run_here_is_a_row(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 class Killer:
-    """Kills the process that unpickles it."""
+    """Object that ends the process that unpickles it."""
 
     def __reduce__(self) -> Any:
         return os._exit, (3,)
@@ -107,7 +107,7 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
 
 
 class Slow(VisibilityQuery):
-    """Takes a microsecond for each pair, and `first` seconds for the first call, by a clock of its own."""
+    """Method with its own clock: a microsecond for each pair, and `first` seconds for the first call."""
 
     def __init__(self, mesh: Mesh, first: float = 0.0) -> None:
         super().__init__(mesh)

@@ -1,4 +1,4 @@
-"""CloudSet: what it refuses, subsets; clouds through the pipeline and back."""
+"""CloudSet: wrong arguments, subsets, and clouds of a dataset."""
 
 from pathlib import Path
 
@@ -84,7 +84,7 @@ def test_too_many_points_and_sets_that_do_not_fit() -> None:
 
 @pytest.mark.parametrize("format", ["packed", "hdf5"])
 def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
-    """Occluded clouds know their camera, complete ones have none; both know their object."""
+    """Occluded clouds have the camera's elevation, complete ones have none; both have their object."""
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
     recipe = DatasetConfig(method="exact", views="ring:3@40", n_points=600, sample_size=64)
     generate(Plan(meshes, recipe, format), tmp_path / "seen")

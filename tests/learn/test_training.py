@@ -1,4 +1,4 @@
-"""Training: it learns, stops early, goes on after a stop to the same weights, and refuses what is not its own."""
+"""Training: learning, early stop, resuming to the same weights, and refused folders."""
 
 import itertools
 import json
@@ -32,7 +32,7 @@ CONFIG = TrainConfig(epochs=5, batch_size=8, device="cpu")
 
 
 def boxes(n_clouds: int, seed: int, n_points: int = 40) -> CloudSet:
-    """Flat boxes and tall ones, in turn."""
+    """Return flat and tall boxes in turn."""
     rng = np.random.default_rng(seed)
     labels = np.arange(n_clouds) % 2
     sides = np.where(labels[:, None] == 0, [1.0, 0.8, 0.1], [0.3, 0.2, 1.0]) * rng.uniform(0.9, 1.1, (n_clouds, 3))
@@ -42,7 +42,7 @@ def boxes(n_clouds: int, seed: int, n_points: int = 40) -> CloudSet:
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """Sums depend on the number of threads in their last bits."""
+    """Use one thread: the last bits of sums depend on their number."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -93,7 +93,7 @@ def test_it_stops_early_and_keeps_the_first_of_equals(tmp_path: Path) -> None:
 
 
 class Killed(Exception):  # noqa: N818  (no error: an end)
-    """As if the process were."""
+    """Exception that stands for the end of the process."""
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_stopped_and_resumed_it_ends_with_the_same_weights(
     seconds: float,
     left: list[int],
 ) -> None:
-    """In the midst of the fourth epoch, whose first step has changed the weights; and when all are over."""
+    """Interrupts in the fourth epoch, after a step has changed the weights, and at the end."""
     undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
     folder, whole, calls = tmp_path / "stopped", pkgutil.resolve_name(place), itertools.count(1)
 
@@ -167,7 +167,7 @@ def test_augmentation_is_seen_by_the_network(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
 def test_half_precision_is_near_the_full_one(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The dtypes that mixed precision on CUDA brings, on a processor: nothing clashes, the loss is nearly the same."""
+    """Mixed precision on a CPU has the dtypes of CUDA; the loss is nearly the same."""
     monkeypatch.setattr("zbuf_occlude.learn.networks.SMALL", 0)  # CUDA takes torch's convolution
     torch.manual_seed(0)
     network = find_model(model).build(2)
@@ -275,7 +275,7 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
 
 
 def test_a_training_that_fell_apart_leaves_no_model(tmp_path: Path) -> None:
-    """The only step goes astray: its loss was still right, the weights after it are not."""
+    """The only step diverges: its loss is finite, the weights after it are not."""
     with pytest.raises(OptionError, match=r"The loss is .* in epoch 1; it must stay finite\. Lower the learn"):
         train(replace(SHORT, learning_rate=1e38), *CLOUDS, tmp_path)
     assert not list(tmp_path.iterdir())

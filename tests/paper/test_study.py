@@ -1,4 +1,4 @@
-"""A whole study, small: both experiments, stopped and gone on with, scans given later; and what a folder refuses."""
+"""A small study: both experiments, interrupted and resumed, scans added later; and folders that are refused."""
 
 import json
 import multiprocessing
@@ -48,11 +48,11 @@ from zbuf_occlude.paper.study_report import write_study  # noqa: E402
 
 
 class Stop(Exception):  # noqa: N818  (no error: an end)
-    """As if the process were killed."""
+    """Exception that stands for the end of the process."""
 
 
 class Heard(Progress):
-    """Remembers what it heard; stops at so many reports of trials, or clouds."""
+    """Recorder of progress; it stops after a number of reports or clouds."""
 
     def __init__(self, n_reports: int = 10**9, n_clouds: int = 10**9) -> None:
         self.n_reports, self.n_clouds = n_reports, n_clouds
@@ -81,7 +81,7 @@ def light_networks() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study that was stopped three times, in its clouds and in two of its trainings, and is done now."""
+    """A finished study that was interrupted three times: in its clouds and in two trainings."""
     out = tmp_path_factory.mktemp("studies") / "study"
     for stop in (Heard(n_clouds=30), Heard(6), Heard(20)):
         with pytest.raises(Stop):
@@ -121,7 +121,7 @@ def test_every_classifier_is_there(folder: Path) -> None:
 def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An uninterrupted study in two processes; the other was stopped more than once."""
+    """An uninterrupted study in two processes equals the interrupted one."""
     monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))  # no time for the others
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
     heard = Heard()
@@ -164,7 +164,7 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
 
 
 def kill_oneself() -> CloudSet:
-    """As a machine without memory does."""
+    """Kill this process, as a machine without memory does."""
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError
 
@@ -258,7 +258,7 @@ def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
 
 
 def write_modelnet(root: Path, labels: tuple[str, ...], n_train: int, n: int) -> None:
-    """Write empty meshes as ModelNet names them."""
+    """Write empty meshes with ModelNet's names."""
     for label in labels:
         for number in range(1, n + 1):
             folder = root / label / ("train" if number <= n_train else "test")
@@ -267,7 +267,7 @@ def write_modelnet(root: Path, labels: tuple[str, ...], n_train: int, n: int) ->
 
 
 def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> None:
-    """40, 10 and 25 of each of the eight classes, whatever else there is; nothing is loaded to choose."""
+    """The selection has 40, 10 and 25 of each of the eight classes; no mesh is loaded."""
     write_modelnet(tmp_path, (*shapes.CLASSES, "bathtub"), 60, 85)
     one, other = (Augmentation(find_objects(tmp_path), FULL, tmp_path).meshes for _ in range(2))
     assert [(entry.key, entry.split) for entry in one] == [(entry.key, entry.split) for entry in other]

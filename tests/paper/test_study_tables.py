@@ -1,4 +1,4 @@
-"""The study's tables and scores against results written by hand."""
+"""Tables and scores of a study for hand-made results."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ AREAS = {
 
 
 def line(table: Table, *begins: str) -> list[str]:
-    """Return the only row that begins so; an empty first cell means what stands above it."""
+    """Return the only row with these first cells; an empty first cell repeats the one above."""
     first, found = "", []
     for row in table.rows:
         first = row[0] or first
@@ -89,7 +89,7 @@ TOTALS = {"4wd": 21, "bus": 16, "car": 88, "truck": 12, "ute": 16, "van": 35}
 
 
 def scans(hits: dict[str, int], false_positives: int) -> Confusion:
-    """588 scans: of each vehicle class this many labelled car, and this many of the 400 others."""
+    """Return the confusion matrix of 588 scans: `hits` of each vehicle class, and some others, labelled car."""
     counts = np.zeros((len(CLASSES), 2), dtype=int)
     for label, total in TOTALS.items():
         counts[CLASSES.index(label)] = [total - hits[label], hits[label]]

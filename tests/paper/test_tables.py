@@ -1,4 +1,4 @@
-"""The paper's Tables 1 and 2: its rows as printed, ours as measured; the presets that repeat Table 1."""
+"""The paper's Tables 1 and 2: printed and measured rows, and the presets that repeat Table 1."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -30,7 +30,7 @@ def row(suite: str, obj: str, subject: str, ms: float, n: int = 1000, **timed: A
 
 
 def test_the_papers_reductions_are_its_own_seconds() -> None:
-    """A check of the numbers typed in: 1 - modified / original, as the paper defines it."""
+    """The numbers typed in are consistent: reduction is 1 - modified / original."""
     for original, modified, reduction in TABLE_1A.values():
         assert 100 * (1 - modified / original) == pytest.approx(reduction, abs=0.06)
     for (paper, n), (exact, g32, g64, r32, r64) in TABLE_1B.items():
@@ -84,7 +84,7 @@ def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
 
 
 def test_random_views_are_drawn_for_each_object() -> None:
-    """As in `generate`: by the key, and the same whatever other meshes there are."""
+    """Views depend on the mesh key alone, as in `generate`."""
     recipe = DatasetConfig(views="random:4", seed=3)
     entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
     asked = [
