@@ -164,9 +164,7 @@ def write_part(
         warn_of_far_faces(mesh)
         warn_of_lenses(views)
         part = visible_mesh(mesh, views.eyes)
-    text = part.mesh.to_trimesh().export(
-        file_type=out.suffix[1:].lower(), digits=17
-    )  # all digits, for meshes of any size
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # all digits of a float64
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")

@@ -205,7 +205,7 @@ def compare_scans(
     mesh, sensor = as_mesh(mesh), make(sensor)
     refine = as_flag(refine, "refine")
     if method is not None:
-        find_method(method)  # for its error
+        find_method(method)  # raises for an unknown method
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
         if value is not None:
             as_number(value, name, "a length above 0", lambda length: length > 0.0)

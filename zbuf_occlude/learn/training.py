@@ -180,9 +180,8 @@ def train(
             about |= {"classes": list(training.classes)}
             about |= {name: finished[name] for name in ("history", "best", "seconds")}
             atomic.write_json(folder / HISTORY, about)
-            _write(
-                folder / MODEL, about | {"weights": run.best_weights}
-            )  # last: its presence marks the training as finished
+            # last: the presence of this file marks the training as finished
+            _write(folder / MODEL, about | {"weights": run.best_weights})
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
             if finished["history"] and not (folder / MODEL).exists():

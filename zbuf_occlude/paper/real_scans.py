@@ -235,9 +235,7 @@ def picture_of_scans(root: Path, up: str) -> Figure:
         if any(scan.class_name == label for scan in find_scans(root)):
             points = read_scan(largest_scan(root, label).path, up)
             ground = points[:, :2] - points[:, :2].mean(axis=0)
-            along = np.linalg.svd(ground, full_matrices=False)[2][
-                0
-            ]  # its longest direction is horizontal in the picture
+            along = np.linalg.svd(ground, full_matrices=False)[2][0]  # longest direction: the horizontal axis
             axes.plot(ground @ along, points[:, 2], linestyle="none", marker=".", markersize=1.5, color="#0072b2")
         axes.set_title(label, fontsize=10)
     return figure
