@@ -13,7 +13,7 @@ from pathlib import Path
 from common import row
 
 from zbuf_occlude.cli.shell import SOME_FAILED
-from zbuf_occlude.compare.metrics import Ranking, standings
+from zbuf_occlude.compare.metrics import Ranking, rank_subjects
 from zbuf_occlude.compare.run import ComparisonFolder
 
 RESOLUTIONS = (256, 512, 1024)
@@ -55,7 +55,7 @@ def main() -> None:
         command = [sys.executable, "-m", "zbuf_occlude", "compare", *sys.argv[1:], "--out", str(out)]
         if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
             raise SystemExit(code)
-        known = {standing.subject: standing for standing in standings(ComparisonFolder(out).rows().values())}
+        known = {standing.subject: standing for standing in rank_subjects(ComparisonFolder(out).rows().values())}
     row("method", "wrong answers", "ms per view", "take it")
     row("---", "---:", "---:", "---")
     for name, labels, when in ROWS:

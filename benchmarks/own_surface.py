@@ -24,8 +24,8 @@ def answers(mesh: zo.Mesh, n: int, touching: int, run: int) -> tuple[np.ndarray,
     views = zo.views.paper100()
     eyes = views.select(np.arange(0, 100, 8)).around(mesh.centre, mesh.longest_side).eyes
     points = zo.sample_surface(mesh, n_points=N_POINTS, seed=0)
-    with zo.prepare(mesh, "exact") as judge:
-        truth = judge.visible(points, eyes)
+    with zo.prepare(mesh, "exact") as reference:
+        truth = reference.visible(points, eyes)
     n_samples = 400_000 if n > 64 else 100_000
     with zo.prepare(mesh, "occupancy_grid", n=n, n_samples=n_samples, touching=touching, run=run) as grid:
         answer = grid.visible(points, eyes)

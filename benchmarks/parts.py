@@ -61,7 +61,11 @@ PARTS = (
     ),
     Part("own-surface", f"python benchmarks/own_surface.py {MODELNET}/*/train/*.off", 2),
     Part(
-        "judge", f"python benchmarks/judge_check.py {MODELNET}/chair/train/chair_0003.off", 2, "--points 100", text=True
+        "reference",
+        f"python benchmarks/reference_check.py {MODELNET}/chair/train/chair_0003.off",
+        2,
+        "--points 100",
+        text=True,
     ),
     Part("grid-errors", f"python benchmarks/object_space.py errors {MODELNET}/*/train/*.off", 2),
     Part("culling", f"python benchmarks/object_space.py culling {MODELNET}/chair/train/chair_0003.off", 1),

@@ -1,4 +1,4 @@
-"""What mkdocs makes: the reference of the command line and of the API, and the gallery of docs/shapes.md."""
+"""Hooks of mkdocs: reference pages of the command line and the API, and the gallery of docs/shapes.md."""
 
 import shutil
 import subprocess
@@ -32,7 +32,7 @@ API = {
     "visibility": ("Visibility", "", ("prepare", "visibility.interface.VisibilityQuery")),
     "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
-    "sensors": ("Sensors", "sensors.", ("make", "Sensor", "Imperfections")),
+    "sensors": ("Sensors", "sensors.", ("make", "Sensor", "NoiseModel")),
     "motion": ("Places and motion of sensors", "sensors.", ("look_at", "Motion", "read_trajectory")),
     "real_scans": ("Real scans", "", ("compare_scans", "compare.scan_comparison.ScanComparison")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
@@ -49,7 +49,7 @@ API = {
         ("OccludeError", "ArgumentError", "OptionError", "MeshError", "DatasetError", "GlError", "UnavailableError"),
     ),
 }
-"""Page: its title, where the names are below the package, and the names."""
+"""Title of each page, prefix of its names below the package, and the names."""
 MEMBERS = {
     "Mesh": ("normalized", "cleaned", "from_trimesh", "transformed", "to_open3d", "to_trimesh"),
     "MeshCollection": ("from_paths",),
@@ -64,7 +64,7 @@ MEMBERS = {
     "Views": ("around", "eyes", "poses"),
     "Scene": ("joined",),
 }
-"""Of a class, what stands on its page in addition to the class itself."""
+"""Members of a class that its page documents."""
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -77,18 +77,18 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def block(name: str) -> str:
-    """Return what mkdocstrings replaces by the documentation of a name."""
+    """Return the directive that mkdocstrings replaces by the documentation of a name."""
     members = list(MEMBERS.get(name.rpartition(".")[2], ()))
     return f"::: zbuf_occlude.{name}\n    options:\n      members: {members}\n"
 
 
 def command_line() -> str:
-    """Return the page of the command line: what `--help` prints of each command."""
+    """Return the page of the command line with the help of each command."""
     group = import_module("zbuf_occlude.cli").group
     top = click.Context(group, info_name="zbuf-occlude", terminal_width=100, show_default=True)
     lines = [
         "# Command line\n",
-        "What `zbuf-occlude COMMAND --help` prints. Options in square brackets have defaults.\n",
+        "The output of `zbuf-occlude COMMAND --help`.\n",
     ]
     for name in group.list_commands(top):
         command = group.get_command(top, name)
@@ -97,7 +97,7 @@ def command_line() -> str:
 
 
 def folded(command: click.Command, above: click.Context, name: str) -> list[str]:
-    """Return the help of a command and of those below it, folded."""
+    """Return the folded help of a command and its subcommands."""
     here = click.Context(command, info_name=name, parent=above, terminal_width=100)
     summary = f"<code>{here.command_path} --help</code>: {command.get_short_help_str(200)}"
     lines = [f'<details markdown="1"><summary>{summary}</summary>\n']
@@ -113,7 +113,7 @@ def on_post_build(config: Any) -> None:
     target = Path(config["site_dir"]) / FOLDER
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / FOLDER  # its name is the page's title
+        folder = Path(scratch) / FOLDER  # the folder's name is the title of the page
         command = [sys.executable, "-m", "zbuf_occlude"]
         subprocess.run([*command, *GENERATE, "--out", str(folder)], check=True, capture_output=True)
         subprocess.run([*command, "show", str(folder)], check=True, capture_output=True)

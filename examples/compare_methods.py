@@ -1,4 +1,4 @@
-"""Every method of hidden-surface removal that runs here, against the exact judge: python compare_methods.py [mesh]
+"""Every method of hidden-surface removal that runs here, against the exact reference: python compare_methods.py [mesh]
 
 `zbuf-occlude compare` does this thoroughly, with a report; here is the whole idea in a loop over a table.
 """
@@ -13,9 +13,9 @@ mesh = zo.load_mesh(sys.argv[1]) if len(sys.argv) > 1 else shapes.make("table", 
 points = zo.sample_surface(mesh, n_points=2_000, seed=0)
 eyes = zo.views.ring(4, elevation=23, distance=4.0).around(mesh.centre, mesh.longest_side).eyes
 
-with zo.prepare(mesh, "oracle") as judge:
-    truth = judge.visible(points, eyes)
-    decided = judge.decided(points, eyes)  # False in the boundary band, where rounding decides
+with zo.prepare(mesh, "oracle") as reference:
+    truth = reference.visible(points, eyes)
+    decided = reference.decided(points, eyes)  # False in the boundary band, where rounding decides
 
 print(
     f"{mesh.name}, {len(mesh.faces)} faces: {truth.mean():.1%} visible, {1 - decided.mean():.2%} in the boundary band"

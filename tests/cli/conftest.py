@@ -19,13 +19,13 @@ from zbuf_occlude.workers.local import run_local
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that the tests of a module share, for what is made once."""
+    """A folder shared by the tests of a module."""
     return tmp_path_factory.mktemp("kept")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command left."""
+    """Result of a command."""
 
     out: str
     err: str
@@ -36,7 +36,7 @@ Run = Callable[..., Outcome]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Iterator[Run]:
-    """Yield a function that runs ``zbuf-occlude`` in `tmp_path`; what it does to the environment is undone.
+    """Yield a function that runs ``zbuf-occlude`` in `tmp_path`; changes of the environment are undone.
 
     `line` is split as by a shell, the other arguments are taken as they are. `code` must be the exit code, and standard
     error must have the words `says`.
@@ -60,7 +60,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
 
 @pytest.fixture(autouse=True)
 def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: None) -> None:
-    """`--workers 1` starts no process, which would load all that is compiled; two, and tests/workers, start them."""
+    """Run with `--workers 1`, which starts no process; tests of workers use two."""
 
     def run(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits: Limits) -> None:
         if n_workers == 1:
@@ -74,13 +74,13 @@ def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: Non
 
 @pytest.fixture(autouse=True)
 def brief_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`--dry-run` makes one mesh, not meshes for three seconds; tests/dataset/test_estimate.py asks for all of it."""
+    """Limit `--dry-run` to one mesh; tests/dataset/test_estimate.py tests the full estimate."""
     monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.LEAST_MESHES", 1)
     monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 0.0)
 
 
 def write_off(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
-    """Write a mesh as OFF, making the folders above it."""
+    """Write a mesh as OFF; folders above it are created."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
     lines += [" ".join(map(repr, map(float, v))) for v in vertices]
@@ -105,7 +105,7 @@ def modelnet(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def furniture(modelnet: Path) -> Path:
-    """The same as chairs and tables, classes of all published lists."""
+    """The same meshes as chairs and tables, classes of all published lists."""
     (modelnet / "ball").rename(modelnet / "chair")
     (modelnet / "brick").rename(modelnet / "table")
     return modelnet

@@ -1,4 +1,4 @@
-"""The small commands, methods, doctor and sensors; what the shell hands over: closed streams, limits, a lost folder."""
+"""Commands `methods`, `doctor` and `sensors`; closed streams, memory limits and a removed current folder."""
 
 import json
 import subprocess
@@ -16,7 +16,7 @@ from zbuf_occlude.sensors import SENSORS
 
 
 def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
-    """As daemons have them; what is opened next must not be taken for one of them, nor a bar fail for want of it."""
+    """Closed standard streams, as daemons have: no file may replace them, and progress bars must not fail."""
     options = "--limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 1"
     command = f"exec {sys.executable} -m zbuf_occlude generate {options} --out out <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
@@ -27,8 +27,8 @@ def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
     ("before", "code", "said"),
     [
         ("export NUMBA_NUM_THREADS=0", 2, "NUMBA_NUM_THREADS must be 1 or more; it is 0."),
-        ("ulimit -v 200000", 1, "a process must be allowed 786,432 kB of address space; this one is allowed 200,000"),
-        ('cd "$(mktemp -d)" && rmdir "$PWD"', 1, "the current folder must be there; it has been removed."),
+        ("ulimit -v 200000", 1, "the limit of address space must be at least 786,432 kB; it is 200,000"),
+        ('cd "$(mktemp -d)" && rmdir "$PWD"', 1, "The current folder no longer exists."),
     ],
 )
 def test_a_shell_that_lets_nothing_compiled_run_is_told_in_a_line(before: str, code: int, said: str) -> None:
@@ -64,7 +64,9 @@ def test_doctor_judges_the_backend_that_is_taken(
         Probe("osmesa", None, works=True, renderer="llvmpipe", version="4.5", is_software=True),
     )
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: probes)
-    monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")  # tests/test_extras.py tries packages
+    monkeypatch.setattr(
+        "zbuf_occlude.cli.lists.reason_missing", lambda method: ""
+    )  # tests/test_extras.py tries packages
     monkeypatch.setenv("ZBUF_OCCLUDE_GL", named)
     outcome = run("doctor")  # exact can run, whatever OpenGL does
     assert "OpenGL backends" in outcome.out

@@ -1,4 +1,4 @@
-"""`compare-scans` as it is typed: real scans of the bunny; what is no scan, no pose, or half an option."""
+"""`compare-scans` from the command line: real scans of the bunny; wrong scans, poses and options."""
 
 import json
 from pathlib import Path
@@ -59,7 +59,7 @@ def test_poses_that_are_none(run: Run, triangle: str, text: str, words: str) -> 
 
 @pytest.mark.parametrize("factor", [1000.0, 1.0])
 def test_a_scan_that_is_elsewhere_is_no_success(run: Run, tmp_path: Path, factor: float) -> None:
-    """Millimetres for metres, and a pose left out: nothing is written."""
+    """Wrong unit and missing pose: nothing is written."""
     (tmp_path / "m.obj").write_text(f"v 0 0 0\nv {factor} 0 0\nv 0 {factor} 0\nf 1 2 3\n")
     np.save("s.npy", np.random.default_rng(0).uniform(3.0, 4.0, (500, 3)))
     error = run("compare-scans m.obj s.npy --sensor kinect-v1 --out o", code=1, says="near the mesh").err
@@ -75,7 +75,7 @@ def bunny() -> Path:
 
 
 def test_the_bunny_is_scanned_as_it_was(bunny: Path, run: Run, tmp_path: Path) -> None:
-    """Real scans by a laser on a stage: of vertices predicted or scanned 0.92 are both; 0.5 % of points hidden."""
+    """Real scans by a laser on a stage: agreement 0.92, 0.5 % of the points hidden."""
     scans = " ".join(f"{bunny}/{name}.ply" for name in ("bun000", "bun180", "top2"))
     eye = "--eye 0,0.178,1.3 --look-at 0,0.178,0 --up-axis 0,1,0"
     run(f"compare-scans {bunny}/bun_zipper.ply {scans} --sensor cyberware-3030 --poses {bunny}/bun.conf {eye} --out .")

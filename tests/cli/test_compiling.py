@@ -1,4 +1,4 @@
-"""The first run says that it compiles, whatever it makes; the next does not."""
+"""The first run of a command reports compiling; the next does not."""
 
 import io
 import time
@@ -40,7 +40,7 @@ def test_the_first_run_says_that_it_compiles(
 
 
 class Terminal(io.StringIO):
-    """Standard error of a person."""
+    """Standard error as a terminal."""
 
     def isatty(self) -> bool:
         return True

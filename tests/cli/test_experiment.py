@@ -1,4 +1,4 @@
-"""`paper elevation` and its like: a small study from the command line; help, and what is wrong in one line."""
+"""`paper elevation` and other experiments from the command line: a small study, help, and one-line errors."""
 
 import json
 from dataclasses import replace
@@ -16,7 +16,7 @@ from zbuf_occlude.meshes import MeshCollection
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`--quick` is quicker: light networks, in this process; tests/learn/test_study.py has processes of their own."""
+    """Make `--quick` quicker: light networks in this process; tests/paper/test_study.py uses processes."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     from tests.paper.light import put_in_place
 
@@ -75,7 +75,7 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
 
 
 def fail() -> Mesh:
-    """As an entry does whose file has nothing in it."""
+    """Raise the error of an empty file."""
     raise MeshError("the file is empty")
 
 

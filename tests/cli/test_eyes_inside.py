@@ -1,4 +1,4 @@
-"""A camera inside the bounding box of its object is answered, with one warning: commands, manifest, Python."""
+"""Cameras inside the bounding box of the object give answers and one warning: commands, manifest, Python."""
 
 import json
 import warnings
@@ -12,7 +12,7 @@ from tests.cli.conftest import Run, write_off
 from tests.scenes import box
 
 SIDE = 36.0
-"""Of a cube with a corner at the origin: `paper100`, 4 units away from the origin, has eyes inside it."""
+"""Side of a cube with a corner at the origin that contains eyes of `paper100`, 4 units from the origin."""
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_visible(run: Run, cube: Path, distance: float, expected: int) -> None:
 
 @pytest.mark.parametrize(("distance", "expected"), [("0.3", 2), ("2", 0)])
 def test_generate(run: Run, cube: Path, tmp_path: Path, distance: str, expected: int) -> None:
-    """Two of four views are as near as `distance`; they count once, not once a variation."""
+    """Two of four views are inside; they count once, not once per variation."""
     table = "azimuth,elevation,distance\n" + f"0,0,{distance}\n90,0,{distance}\n0,0,2\n90,80,2\n"
     (tmp_path / "views.csv").write_text(table)
     sampled = "--variations 2 --points 500 --sample-size 64 --method exact --workers 1"
@@ -44,7 +44,7 @@ def test_generate(run: Run, cube: Path, tmp_path: Path, distance: str, expected:
 
 
 def test_scans(run: Run, cube: Path, tmp_path: Path) -> None:
-    """From beside a corner, farther than half the side, and inside the box for all that."""
+    """An eye beside a corner, farther than half the side from the centre, is inside the box."""
     scanned = "--sensor vlp-16 --range 0.6 --size 1 --views grid:1x8@0..0 --sample-size 64 --method exact --workers 1"
     outcome = run(f"generate {cube} {scanned} --out out")
     assert warned(outcome.out + outcome.err) == 1
@@ -77,7 +77,7 @@ def test_python(cube: Path) -> None:
 
 
 def test_a_target_seen_from_inside_its_scene(cube: Path) -> None:
-    """An eye among other things, and before the object that it is asked about, is where it should be."""
+    """An eye inside the box of a scene, outside that of the object, gives no warning."""
     mesh = zo.load_mesh(cube)
     small = mesh.normalized()
     scene = zo.Scene.joined([zo.scenes.Placed(small), zo.scenes.Placed(mesh, pose=zo.scenes.moved(to=(-18, -18, -18)))])

@@ -1,4 +1,4 @@
-"""--unit and --up on the command line: millimetres and y-up files come out right, and what was assumed is said."""
+"""--unit and --up on the command line: files in millimetres or with y up are converted, and assumptions are printed."""
 
 import json
 from pathlib import Path
@@ -15,14 +15,14 @@ STOOL = together(
     box((0.4, 0.4, 0.05)).transformed(1, (0, 0, 0.425)),
     *(box((0.04, 0.04, 0.4)).transformed(1, (x, y, 0.2)) for x in (-0.15, 0.15) for y in (-0.15, 0.15)),
 )
-"""Metres, z up: 0.45 high."""
+"""A mesh in metres, z up, 0.45 high."""
 SMALL = "--method exact --views ring:2@30 --points 2000 --sample-size 64 --workers 1"
 KINECT = "--sensor kinect-v1 --set-sensor noise=0"
 
 
 @pytest.fixture
 def stl(tmp_path: Path) -> Path:
-    """In millimetres."""
+    """The mesh in millimetres."""
     path = tmp_path / "gizmo.stl"
     STOOL.transformed(1000.0).to_trimesh().export(path)
     return path
@@ -30,7 +30,7 @@ def stl(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def obj(tmp_path: Path) -> Path:
-    """In metres, y up."""
+    """The mesh in metres, y up."""
     path = tmp_path / "stool.obj"
     STOOL.rotated([[1, 0, 0], [0, 0, 1], [0, -1, 0]]).to_trimesh().export(path)
     return path

@@ -137,14 +137,14 @@ def test_of_a_range_that_begins_within_an_object_what_is_outside_is_taken(run: R
     """So that one range does for small and large classes; an airplane of 5 m is never seen from within."""
     run(
         f"generate {GIVEN} --range 0.1..2.6 --views ring:8@0 --limit 1 --workers 1 --out near",
-        says="scanned from outside them only, half their size away or more: airplane (2.5 m)",
+        says="the range starts at half the object's size for: airplane (2.5 m)",
     )
     poses = records_of(tmp_path / "near")["pose"]
     assert (np.linalg.norm(poses[:, :3, 3], axis=1) > 2.49).all()
 
 
 def test_a_range_within_an_object_is_refused(run: Run, tmp_path: Path) -> None:
-    words = "--range must be more than half of every object; one of class airplane has 5 m"
+    words = "--range must be more than half the size of every object; class airplane has 5 m"
     run(f"generate {GIVEN} --range 2..2.5 --out wrong", code=2, says=words)
     assert not (tmp_path / "wrong").exists()
 

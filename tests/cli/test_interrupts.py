@@ -1,4 +1,4 @@
-"""Ctrl-C from the first line on, a scheduler's SIGTERM, a closed terminal's SIGHUP: few words, and nothing stays."""
+"""Ctrl-C at any time, SIGTERM and SIGHUP: one line is printed, and no file is left."""
 
 import os
 import signal
@@ -15,14 +15,14 @@ BRIEF = ("generate", "--limit=1", "--method=oracle", "--views=ring:1@0", "--poin
 
 
 def heard() -> None:
-    """Hear all signals, in a child, also where these tests run in the background of a shell."""
+    """Reset all signals in a child, in case the tests run in the background of a shell."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.mark.parametrize("by", ["module", "script"])
 def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback(tmp_path: Path, by: str) -> None:
-    """Sent while it imports click."""
+    """Interrupt during the import of click."""
     (tmp_path / "click.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGINT)\n")
     script = tmp_path / "zbuf-occlude"
     script.write_text("from zbuf_occlude.__main__ import main; main()\n")
@@ -66,7 +66,7 @@ def test_what_asks_a_run_to_end_is_an_interrupt(tmp_path: Path, name: str) -> No
 
 
 def test_nohup_is_heeded(tmp_path: Path) -> None:
-    """Whoever starts it to outlive its terminal is not interrupted when that is closed."""
+    """A program started with nohup is not interrupted when its terminal is closed."""
     with subprocess.Popen(
         [sys.executable, "-m", "zbuf_occlude", *BRIEF, "--out", str(tmp_path / "out")],
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None,

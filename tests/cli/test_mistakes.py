@@ -1,4 +1,4 @@
-"""What is refused: one line says what is wrong, what there is and which was meant; and pages of help."""
+"""Wrong arguments: one line with the error, the possible values and the nearest one; pages of help."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ REFUSED = [
     ("generate --method exact --set contakt=1", "got 'contakt'. Did you mean 'contact'?"),
     ("generate --method exact --views rng:8@30", "got 'rng:8@30'. There is no 'rng'. Did you mean 'ring'?"),
     # generate
-    ("generate --set resolution 1024", "got 'resolution'. In one word: --set resolution=VALUE."),
+    ("generate --set resolution 1024", "got 'resolution'. Write --set resolution=VALUE."),
     ("generate --sensor vlp-16 --set-sensor columns 9", "--set-sensor must be given KEY=VALUE; got 'columns'."),
     ("generate --method exact --views ring:8", "After ring: must come N@EL; got '8'."),
     ("generate --method exact --views paper100:3", "paper100 takes nothing after it."),
@@ -43,8 +43,8 @@ REFUSED = [
     ("generate a.off --points 7 --density 2", "exclude each other"),
     ("generate a.off --mesh-seconds nan", "'--mesh-seconds': nan is not a finite number"),
     *((f"generate a.off --shard={share}", f"0 <= I < N; got {share!r}") for share in SHARES),
-    ("generate a.off --classes ''", "it must have a word, or several between commas; got ''"),
-    ("generate a.off --splits ' , '", "it must have a word, or several between commas"),
+    ("generate a.off --classes ''", "it must be one or more words separated by commas; got ''"),
+    ("generate a.off --splits ' , '", "it must be one or more words separated by commas"),
     ("generate a.off --distance 4..2", "distances must run upwards; got 4..2"),
     ("generate a.off --distance=-1", "it must be D or D0..D1, positive and finite; got '-1'"),
     ("generate a.off --distance a..b", "it must be D or D0..D1"),
@@ -71,7 +71,7 @@ REFUSED = [
     ),
     # places
     *(
-        (line, "it must be the name of a file or folder; it is empty. For this folder, write a dot.")
+        (line, "it must be the name of a file or folder; it is empty. For the current folder, give a dot.")
         for line in (
             "visible '' --out a.ply",
             "depth '' --out a.png",
@@ -81,16 +81,16 @@ REFUSED = [
             "verify . ''",
         )
     ),
-    ("generate a.off --out ''", "it must be the name of a folder; it is empty. For this folder, write a dot."),
+    ("generate a.off --out ''", "it must be the name of a folder; it is empty. For the current folder, give a dot."),
     *(
         (f"{line} --out a.off", "'--out': it must be a folder; 'a.off' is a file. Choose another.")
         for line in ("generate a.off", "generate a.off --dry-run", "convert . --format npz", "show .", "compare a.off")
     ),
     *((f"generate {dry} --out a.off/a/b", "a.off': that is a file. Choose another.") for dry in ("", "--dry-run")),
-    ("visible a.off --out no/a.ply", "--out must be in a folder that there is; 'no' is none. Make it first."),
-    ("visible a.off --out a.off/a.ply", "--out must be in a folder that there is; 'a.off' is none."),
-    ("scan a.off --out no/a.ply", "--out must be in a folder that there is; 'no' is none. Make it first."),
-    ("scan a.off --picture no/a.png --out a.ply", "--picture must be in a folder that there is; 'no' is none."),
+    ("visible a.off --out no/a.ply", "--out must be in a folder that exists; 'no' does not. Make it first."),
+    ("visible a.off --out a.off/a.ply", "--out must be in a folder that exists; 'a.off' does not."),
+    ("scan a.off --out no/a.ply", "--out must be in a folder that exists; 'no' does not. Make it first."),
+    ("scan a.off --picture no/a.png --out a.ply", "--picture must be in a folder that exists; 'no' does not."),
     ("visible a.off --out a.xyz", "got 'a.xyz'"),
     ("scan a.off --out a.xyz", "--out must end in .ply, .npz, .pcd, .npy, .csv"),
     ("scan a.off --picture a.gif --out a.ply", "--picture must end in .png"),
@@ -105,7 +105,7 @@ REFUSED = [
     ("visible a.off --out a.ply --distance=0", "0.0 is not in the range x>0"),
     ("visible a.off --out a.ply --look-at nan 0 0", "nan is not a finite number"),
     ("visible a.off --out a.ply --fov nan", "nan is not a finite number"),
-    ("visible a.off --out a.ply --method auto", "it is for `generate` only. Name a method here"),
+    ("visible a.off --out a.ply --method auto", "'auto' is for `generate` only. Name a method here"),
     ("visible a.off --out a.ply --with rgb", "attribute must be one of normals, colors; got 'rgb'"),
     ("visible a.off --out a.ply --cameras cameras.json --azimuth 4", "--azimuth must go without --cameras"),
     ("visible a.off --out a.ply --cameras cameras.json --distance 4 --roll 1", "--distance, --roll must go without"),
@@ -113,16 +113,16 @@ REFUSED = [
     ("visible a.off --out a.ply --cameras cameras.json --union --index 0", "Leave one out"),
     ("visible a.off --out a.ply --index 3", "--index must go with --cameras"),
     ("visible a.off --out a.ply --union", "--union must go with --cameras"),
-    ("visible a.off --out a.ply --sensor vlp-16", "is of `zbuf-occlude scan`"),
+    ("visible a.off --out a.ply --sensor vlp-16", "is an option of `zbuf-occlude scan`"),
     ("visible a.off --out a.obj --points 9", "--points must go with a cloud"),
     ("visible a.off --out a.obj --method oracle", "--method must be exact"),
     ("views a.off --out a.png", "--coverage"),
     ("views a.off --views rng:3@2", "Did you mean 'ring'?"),
-    ("views a.off --views random-so3:3 --out a.csv", "upright"),
+    ("views a.off --views random-so3:3 --out a.csv", "rolled"),
     ("views a.off --distance 3..2", "3..2"),
     # compare, and figures
     ("compare a.off --out o --distance 0", "it must be D or D0..D1"),
-    ("compare a.off --out o --method auto", "it is for `generate` only. Name a method here"),
+    ("compare a.off --out o --method auto", "'auto' is for `generate` only. Name a method here"),
     ("compare a.off --out o --method crystal_ball", "method must be one of"),
     ("compare a.off --out o --method occupancy_grid:", "--method must be NAME or NAME:KEY=VALUE"),
     ("compare a.off --out o --method occupancy_grid:cells=3", "got 'cells'"),
@@ -142,33 +142,36 @@ REFUSED = [
     ("figure fig10 --sydney . --out a.png", "fig10 does not use --sydney."),
     ("figure fig10 --up y --out a.png", "a built-in shape does not use --up."),
     # sensors and scans
-    ("sensors --picture a.png", "--picture shows one sensor's rays; name the sensor."),
+    ("sensors --picture a.png", "--picture needs NAME"),
     ("sensors none.yaml", "a file must be readable"),
     ("scan a.off --out a.ply --azimuth nan", "nan is not a finite number"),
     ("scan a.off --out a.ply --elevation inf", "inf is not"),
-    ("scan a.off --out a.ply --scene ground --elevation 40", "--elevation must be of a camera"),
+    ("scan a.off --out a.ply --scene ground --elevation 40", "--elevation is for cameras"),
     ("scan a.off --out a.ply --scene gone.json", "a file must be readable; gone.json" + IN_WORDS),
     ("scan a.off --out a.ply --set-sensor lasers=3", "lasers of a sensor must be rows of 2 numbers"),
     ("scan a.off --out a.ply --set-sensor colums=3", "a number of the sensor vlp-32c must be one of"),
     ("scan a.off --out a.ply --set-sensor columns", "--set-sensor must be given KEY=VALUE; got 'columns'."),
     ("scan a.off --out a.ply --set-sensor sigma=1e300", "from 0 to 10000 metres; got 1e+300."),
     ("scan a.off --out a.ply --sensor vlp-17", "sensor must be one of vlp-16,"),
-    ("scan a.off --out a.ply --sensor surface --range 5", "scan needs a sensor; `zbuf-occlude visible` samples the"),
+    ("scan a.off --out a.ply --sensor surface --range 5", "scan needs a sensor. `zbuf-occlude visible` writes"),
     ("scan a.off --out a.ply --range 0", "--range must be metres above 0"),
     ("scan a.off --out a.ply --range near", "--range must be a number, or two as A..B; got 'near'."),
-    ("scan a.off --out a.ply --range 2 --size 4.5", "one of class a has 4.5 m, the range is 2 m."),
+    ("scan a.off --out a.ply --range 2 --size 4.5", "class a has 4.5 m, the range is 2 m."),
     ("scan a.off --out a.ply --size a=0", "--size must be 'file', metres from 0.001 to 100000, or CLASS=metres"),
     ("scan a.off --out a.ply --size 1,2", "each class once; got '1,2'"),
     ("scan a.off --out a.ply --set-sensor name=x", "a number of the sensor vlp-32c must be one of"),
     ("scan a.off --out a.ply --set-sensor self=1", "a number of the sensor vlp-32c must be one of"),
     ("scan a.off --out a.ply --size 1e-320", "--size must be 'file', metres from 0.001"),
-    ("scan a.off --out a.ply --size banana=2", "--size must be of classes that there are, a; got banana."),
+    ("scan a.off --out a.ply --size banana=2", "--size must name classes of the meshes, a; got banana."),
     ("scan a.off --out a.ply", "every class must have a size in metres; 'a' has none. Give --size a=METRES"),
     ("scan a.off --out a.ply --hidden 0.2", "--hidden needs a scene that can hide"),
     ("scan a.off --out a.ply --velocity nan,0,0", "three finite numbers"),
     ("scan a.off --out a.ply --size 4 --scene ground --sensor-height -1", "above 0"),
     ("generate a.off --sensor vlp-16 --size 4 --range 9 --views cameras.json", "--range must go without cameras of"),
-    ("generate a.off --sensor vlp-16 --points 100", "--points is for points on the surface; a sensor decides itself."),
+    (
+        "generate a.off --sensor vlp-16 --points 100",
+        "--points is for samples of the surface; it does not apply to a sensor.",
+    ),
     ("generate --limit 2 --sensor vlp-16 --sample-size all --format scanobjectnn", "holds clouds of one size"),
     ("generate a.off --sensor vlp-16 --method vertex_hsr", "the method must cast rays; vertex_hsr does not"),
     ("generate a.off --sensor surface --range 9", "--range needs a sensor; give --sensor NAME."),

@@ -1,4 +1,4 @@
-"""A machine without OpenGL, or with none on its GPU: what is taken where no method was named, and what is said."""
+"""Default method and messages on a machine without OpenGL, or without OpenGL on its GPU."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from zbuf_occlude.shapes import solids
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 WHY = "no OpenGL context opens here"
 CURE = "apt-get install"
-"""How to get the depth buffer is on doctor's page; here `exact` does all that was asked."""
+"""Hint on OpenGL that only `doctor` prints; here `exact` suffices."""
 
 MASKED = """
 empty=$(mktemp)
@@ -30,7 +30,7 @@ exec "$@"
 
 @pytest.fixture
 def without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No library of OpenGL is found in this process."""
+    """Hide all libraries of OpenGL from this process."""
     monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
     monkeypatch.delenv("GLCONTEXT_DEVICE_INDEX", raising=False)
     monkeypatch.setattr("zbuf_occlude.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
@@ -71,7 +71,7 @@ def test_doctor_says_once_that_exact_is_complete(
 ) -> None:
     rows = (Probe("egl", None, works=False, reason="libEGL is not here"), Probe("osmesa", None, works=False, reason=""))
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: rows)
-    monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")
+    monkeypatch.setattr("zbuf_occlude.cli.lists.reason_missing", lambda method: "")
     monkeypatch.setattr("zbuf_occlude.cli.lists.tried", lambda package, module: broken)
     page = run("doctor", code=code).out
     last = page.splitlines()[-1]

@@ -1,4 +1,4 @@
-"""What people type and keep on their disks without thinking of this program: one clear line, or the right thing."""
+"""Unusual arguments and files: each gives the right result or one line of error."""
 
 import os
 import re
@@ -28,7 +28,7 @@ def tetrahedron(tmp_path: Path) -> Path:
 
 
 def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cluster's front end may have no driver: the plan is told all the same, and that."""
+    """Without OpenGL, as on a cluster's front end, --dry-run prints the plan and a warning."""
 
     def refuse(*_: object, **__: object) -> None:
         raise GlError("no driver here.")
@@ -41,7 +41,7 @@ def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monk
 
 def test_an_output_folder_that_is_a_broken_link_is_a_usage_error(run: Run, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "gone")
-    said = f"a link to {str(tmp_path / 'gone')!r}, which is not there. Make that folder first."
+    said = f"a link to {str(tmp_path / 'gone')!r}, which does not exist. Make that folder first."
     assert run("generate --out link", code=2, says=said).out == ""
 
 
@@ -50,12 +50,12 @@ def test_an_output_folder_that_may_not_be_made_is_a_usage_error(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
     monkeypatch.setattr("os.access", lambda path, mode: False)  # whoever tests may be allowed everything
-    said = f"cannot be made in {str(tmp_path)!r}: it may not be written in. Choose another."
+    said = f"cannot be made in {str(tmp_path)!r}: it is not writable. Choose another."
     assert run(f"generate {option} --out a/b", code=2, says=said).out == ""
 
 
 def test_a_dry_run_into_a_folder_that_is_another_s(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
-    """It says what `generate` would."""
+    """The message is that of `generate`."""
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
     line = f"generate {tetrahedron} {SMALL}"
@@ -82,7 +82,7 @@ def test_what_is_read_is_not_written_over(run: Run, tmp_path: Path, line: str) -
     views.write_text("azimuth,elevation\n30,20\n")
     (tmp_path / "link.ply").symlink_to(mesh)
     before = mesh.read_bytes(), views.read_bytes()
-    assert run(line, code=2, says="--out must not be a file that is read").out == ""
+    assert run(line, code=2, says="--out must not be an input file").out == ""
     assert (mesh.read_bytes(), views.read_bytes()) == before
 
 

@@ -1,4 +1,4 @@
-"""Names that are not UTF-8, command a terminal, look like markup, are paths: every command works, and escapes them."""
+"""Names that are not UTF-8, contain control characters or markup, or are paths: commands work and escape them."""
 
 import csv
 import html
@@ -24,7 +24,7 @@ COMMANDS_PER_TERMINAL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-
 
 @pytest.fixture
 def meshes(tmp_path: Path) -> Path:
-    """Class folders of two sound meshes and a broken one each."""
+    """Class folders with two valid meshes and a broken one each."""
     root = os.fsencode(tmp_path) + b"/in\xff<s>"
     for label in CLASSES:
         os.makedirs(root + b"/" + label)
@@ -34,7 +34,7 @@ def meshes(tmp_path: Path) -> Path:
 
 
 class Elements(HTMLParser):
-    """The elements of a page."""
+    """Parser of the elements of a page."""
 
     def __init__(self, page: Path | str) -> None:
         super().__init__()

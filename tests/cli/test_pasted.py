@@ -1,4 +1,4 @@
-"""Python lines of README and quickstart run as they are pasted, on the shapes that their commands write."""
+"""The Python examples of README and quickstart run on the shapes that their commands write."""
 
 import re
 import shlex

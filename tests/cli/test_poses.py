@@ -1,4 +1,4 @@
-"""Poses at the command line: views drawn for each object, distances, cameras from files, look-at, field of view."""
+"""Poses at the command line: random views, distances, cameras from files, look-at, field of view."""
 
 import json
 from pathlib import Path

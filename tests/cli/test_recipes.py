@@ -1,4 +1,4 @@
-"""What the documents and the help say to type is accepted as it stands."""
+"""The commands in the documents and the help are accepted."""
 
 import re
 from pathlib import Path
@@ -11,11 +11,11 @@ from tests.scenes import box
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "zbuf_occlude" / "cli" / "generate.py"]
 NOT_HERE = re.compile(r"--labels|--engine|--shard|\.zip|--preset|OUT|ARGUMENTS")
-"""Commands that need files of others, or a cluster, or have tests of their own."""
+"""Commands that need other files or a cluster, or have tests of their own."""
 
 
 def recipes() -> list[str]:
-    """Every `generate` of the pages that takes a collection as it is, or the built-in shapes."""
+    """Commands `generate` in the pages with a collection or the built-in shapes."""
     lines = [line.split(" #")[0].strip() for page in PAGES for line in page.read_text().splitlines()]
     found = {line for line in lines if line.startswith("zbuf-occlude generate ")}
     return sorted(line for line in found if not NOT_HERE.search(line))
@@ -29,7 +29,7 @@ def test_there_are_recipes() -> None:
     "recipe", [pytest.param(line, marks=[pytest.mark.needs("open3d")] * ("voxels" in line)) for line in recipes()]
 )
 def test_a_recipe_is_accepted(run: Run, tmp_path: Path, recipe: str) -> None:
-    """Of the folder that it names there is one here, of two classes; of all meshes the first two are tried."""
+    """The folder in the command is replaced by one of two classes; the first two meshes are used."""
     words = recipe.split()[2:]
     if not words[0].startswith("-"):
         for label in ("chair", "airplane"):

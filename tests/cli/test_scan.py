@@ -1,4 +1,4 @@
-"""`scan`: one scan into a file, its picture, and what is typed wrongly."""
+"""`scan`: one scan to a file, its plot, and wrong arguments."""
 
 import re
 from pathlib import Path
@@ -80,7 +80,7 @@ def test_a_scan_of_nothing_says_so(run: Run, car: Path) -> None:
     ],
 )
 def test_what_leaves_all_out_is_blamed(run: Run, car: Path, options: str, words: str) -> None:
-    """One number of the sensor each time, and the range is right."""
+    """Each parameter of the sensor alone; the ranges are right."""
     sensor = "--sensor pinhole:width=60,height=40,fov=40"
     Path("far.yaml").write_text("kind: pinhole\nwidth: 60\nheight: 40\nfov: 40\nbaseline: [0, -500, 0]\n")
     error = run(f"scan {car} --size 4 {sensor} {options} --azimuth 33 --elevation 17 --out s.ply").err
@@ -97,7 +97,7 @@ def test_a_trajectory_of_another_length_is_said(run: Run, car: Path, seconds: fl
 
 
 def test_windows_by_name(run: Run, tmp_path: Path) -> None:
-    """A box of glass around a ball: without --transparent only the glass is met, with it both."""
+    """A glass box around a ball: without --transparent rays meet only the glass, with it both."""
     ball, glass = trimesh.creation.icosphere(radius=0.5), trimesh.creation.box((2.0, 2.0, 2.0))
     lines = ["mtllib car.mtl", "usemtl driver"]
     for mesh, first in ((ball, 1), (glass, 1 + len(ball.vertices))):

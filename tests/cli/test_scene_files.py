@@ -15,7 +15,7 @@ SIZE, RANGE = 4.0, 12.0
 
 
 def distances(meshes: list[tuple[np.ndarray, np.ndarray]], eye: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """How far along the lines from an eye to some ends the first face is, by Embree, in lengths of the lines."""
+    """Return the distance of the first face along lines from an eye, by Embree, in lengths of the lines."""
     from embreex.mesh_construction import TriangleMesh
 
     scene = embreex.EmbreeScene()
@@ -70,7 +70,7 @@ def test_scan_says_what_is_hidden(run: Run, tmp_path: Path) -> None:
 
 
 def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
-    """A wall behind the target drives away: its points say when each was measured."""
+    """A wall behind the target moves away: the positions of its points follow from their times."""
     write_off(tmp_path / "cube.off", box().vertices, box().faces)
     write_off(tmp_path / "wall.off", box((0.02, 1.0, 1.0)).vertices, box().faces)
     wall = {"mesh": "wall.off", "position": [-9, 0, 0], "size": 6, "velocity": [-20, 0, 0]}
@@ -90,7 +90,7 @@ def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_depth_camera_keeps_its_places_and_a_lidar_says_which_it_has(run: Run, tmp_path: Path) -> None:
-    """Thirty views from 15 to 75 degrees at 0.4 m; a LiDAR is at ten places instead, and so it is said."""
+    """Thirty views from 15 to 75 degrees at 0.4 m; a LiDAR has ten positions, and a message says so."""
     cube = box((0.2, 0.2, 0.2))
     write_off(tmp_path / "meshes" / "cube.off", cube.vertices, cube.faces)
     (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": "pedestrian", "position": [0, 30, 0]}]}))

@@ -22,7 +22,7 @@ def test_all_are_listed(run: Run) -> None:
 @pytest.mark.parametrize("ending", ["off", "obj", "ply", "stl", "glb"])
 @pytest.mark.parametrize("up", ["", "--up y", "--up z"])
 def test_a_shape_loads_as_itself(run: Run, tmp_path: Path, ending: str, up: str) -> None:
-    """As its class is large, standing on z = 0, whatever axis the file has."""
+    """The size is that of the class and the mesh stands on z = 0 for any up axis of the file."""
     said = run(f"shapes truck --number 3 {up} --out t.{ending}").out
     found = zo.load_mesh(tmp_path / f"t.{ending}", up=up[-1:] or None)
     np.testing.assert_allclose(found.bounds, traffic.make("truck", 3).bounds, atol=1e-5)

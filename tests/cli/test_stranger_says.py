@@ -1,4 +1,4 @@
-"""What somebody new meets: pointers for files, variables that are not set, disks that are full, files that are lost."""
+"""First use: Git LFS pointers, unset variables, full disks, missing files."""
 
 import resource
 import sys
@@ -17,7 +17,7 @@ SMALL = "--method oracle --views ring:2@30 --points 100 --sample-size 8 --worker
 
 @contextmanager
 def room_for(n_bytes: int) -> Iterator[None]:
-    """Let no file grow beyond this, as on a disk that is full."""
+    """Limit the size of files, as on a full disk."""
     before, writes = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
     sys.dont_write_bytecode = True  # Python keeps what it could write of it, and fails at the next import
@@ -29,7 +29,7 @@ def room_for(n_bytes: int) -> Iterator[None]:
 
 
 def check_that_nothing_is_left(run: Run, line: str, out: Path) -> None:
-    """Run a command where there is room, which also compiles, and where there is not."""
+    """Run a command with room on the disk (which compiles), then without."""
     run(f"{line} --out {out}")
     assert out.stat().st_size > 500
     out.unlink()

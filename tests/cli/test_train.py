@@ -1,4 +1,4 @@
-"""train and evaluate: from a dataset to a model and its figures; what is wrong is said in one line."""
+"""train and evaluate: from a dataset to a model and its scores; one-line errors."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_from_a_dataset_to_figures(run: Run, modelnet: Path, tmp_path: Path) -> 
     assert f"accuracy {document['accuracy']:.1%} of 24 clouds" in tested.out
     assert [line.split()[:2] for line in tested.out.splitlines()[1:3]] == [["ball", "12"], ["brick", "12"]]
     assert (tmp_path / "figures" / "evaluation.png").read_bytes()[1:4] == b"PNG"
-    run(f"train clouds {QUICK} --seed 1 --out model", code=1, says="must be empty or of this same training")
+    run(f"train clouds {QUICK} --seed 1 --out model", code=1, says="must be empty or hold this same training")
 
 
 def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) ->
     assert (config["n_points"], config["rotate"], config["jitter"]) == (20, False, True)
     assert "of 48 clouds" in run("evaluate model one two --device cpu").out
     run(f"generate {modelnet} {SMALL} --sample-size 19 --out small")
-    said = "must have clouds of the 20 points that the model was trained with, at least; theirs have 19"
+    said = "must have at least the 20 points that the model was trained with; those of DIR have 19"
     run("evaluate model small --device cpu", code=1, says=said)
 
 
@@ -61,7 +61,7 @@ def test_splits_that_share_no_class_are_refused(run: Run) -> None:
 
 
 def test_a_test_split_of_other_classes_is_refused(run: Run, modelnet: Path) -> None:
-    """What validates is held out of train, and shares its classes; the test split does not."""
+    """Validation is held out of train and shares its classes; the test split does not."""
     for label in ("ball", "brick"):
         (modelnet / f"{label}s").mkdir()
         (modelnet / label / "test").rename(modelnet / f"{label}s" / "test")
@@ -70,7 +70,7 @@ def test_a_test_split_of_other_classes_is_refused(run: Run, modelnet: Path) -> N
 
 
 def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    """Of three classes one has no object to train on; of the two others three objects each."""
+    """One of three classes has no training object; the others have three each."""
     for name in ("cube", "ball", "brick"):
         for number in (2, 3):
             source = modelnet / ("ball" if name == "ball" else "brick") / "train"
@@ -80,7 +80,7 @@ def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path
     (modelnet / "ball" / "val").mkdir()
     (modelnet / "ball" / "train" / "ball_3.off").rename(modelnet / "ball" / "val" / "ball_3.off")
     run(f"generate {modelnet} {SMALL} --out clouds")
-    said = "warning: val has classes that are not trained on: cube"
+    said = "warning: val has classes without training clouds: cube"
     assert "warning: test" not in run(f"train clouds {QUICK} --out model", says=said).err
 
 

@@ -1,4 +1,4 @@
-"""`visible`, `depth` and `views`: what cameras see of a mesh, as a cloud, mesh, image or share; which way is up."""
+"""`visible`, `depth` and `views`: visible part of a mesh as cloud, mesh, image or fraction; up axis."""
 
 import json
 import re
@@ -50,7 +50,7 @@ def test_arrays_hold_positions(run: Run, plates: Path, tmp_path: Path, suffix: s
 
 
 def test_a_csv_has_all_digits(run: Run, tmp_path: Path) -> None:
-    """A thousand kilometres from the origin nine digits are five millimetres."""
+    """At 1,000 km from the origin, nine digits resolve 5 mm."""
     corners = np.array([[1e6, 0, 0], [1e6 + 1, 0, 0], [1e6, 1, 0]])
     write_off(tmp_path / "far.off", corners, np.array([[0, 1, 2]]))
     for suffix in ("npy", "csv"):
@@ -60,7 +60,7 @@ def test_a_csv_has_all_digits(run: Run, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_normals_and_colours(run: Run, tmp_path: Path, suffix: str) -> None:
-    """A square of colours that are its places, from below: its normals point down."""
+    """A square coloured by position, seen from below: its normals point down."""
     square, out = tmp_path / "square.obj", tmp_path / f"cloud{suffix}"
     square.write_text("".join(f"v {x} {y} 0 {x} {y} 1\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))) + "f 1 2 3 4\n")
     run(f"visible square.obj --with normals,colors --elevation=-40 --method=oracle --points=50 --out {out}")
@@ -86,7 +86,7 @@ def test_it_is_said_that_there_are_no_colours(run: Run) -> None:
 @pytest.mark.needs("open3d")
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
-    """Of a ball's points, given without faces, those on the near side are seen; each kind that is written is read."""
+    """The near side of a ball's points, without faces, is visible; every format that is written is read."""
     ball = np.random.default_rng(0).normal(size=(4000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     first, second = tmp_path / f"ball{suffix}", tmp_path / f"seen{suffix}"
@@ -133,7 +133,7 @@ def test_depth_is_the_same_numbers_everywhere(gl: GlContext, run: Run, tmp_path:
 # ---- several cameras: a ball's closed form, and files that are read again --------------------------------------------
 
 ALONE = (1 - 1 / 8) / 2
-"""Of a ball's surface an eye sees this share from eight radii away, the default distance."""
+"""Visible fraction of a ball's surface from eight radii, the default distance."""
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_what_any_of_a_files_cameras_sees(run: Run, ball: Path, tmp_path: Path) 
 # ---- what docs/datasets.md says of the up axis: how clouds are turned back, where cameras are with --up z -----------
 
 SIDES = np.array([2.0, 4.0, 6.0])
-"""Of a box in the axes of its file, whose y is up."""
+"""Sides of a box in the axes of its file, y up."""
 
 
 @pytest.fixture
@@ -192,7 +192,7 @@ def tall(tmp_path: Path) -> Path:
 
 
 def sides(positions: np.ndarray) -> set[str]:
-    """Which sides of the box some points lie on."""
+    """Return the sides of the box on which points lie."""
     on = {"+": np.isclose(positions, SIDES / 2), "-": np.isclose(positions, -SIDES / 2)}
     assert (on["+"] | on["-"]).any(axis=1).all()
     return {sign + axis for sign in on for axis, there in zip("xyz", on[sign].any(axis=0), strict=True) if there}
@@ -214,7 +214,7 @@ def test_what_a_camera_sees_in_the_axes_of_the_file(
 
 
 def test_cameras_in_the_axes_of_the_file_go_with_up_z(run: Run, tall: Path, tmp_path: Path) -> None:
-    """One that stands above the object, along the file's y, and looks down."""
+    """A camera above the object, along the file's y, that looks down."""
     down = {"R": [[1, 0, 0], [0, 0, 1], [0, -1, 0]], "t": [0, 0, 20]}
     (tmp_path / "cameras.json").write_text(json.dumps([down]))
     run(f"visible {tall} --cameras cameras.json --points 500 --method exact --up z --out cloud.npy")

@@ -1,4 +1,4 @@
-"""A child process: its answers, its errors, its crash, its progress; and it does not outlive its parent."""
+"""Child process: results, errors, crash, timeout and progress; it ends with its parent."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The measures of error against closed forms and plain loops; from rows to advice."""
+"""Measures of error against closed forms and plain loops; rankings from rows."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ import pytest
 from tests.scenes import two_plates
 from zbuf_occlude import sample_surface
 from zbuf_occlude.compare import metrics
-from zbuf_occlude.compare.comparison_report import table_by_mesh
+from zbuf_occlude.compare.comparison_report import table_by_mesh, table_of_answers
 
 ANSWER = np.array([[True, True, False, False, True]])
 TRUTH = np.array([[True, False, True, False, True]])
@@ -86,8 +86,8 @@ def row(subject: str, case: str, wrong: float, ms: float, **more: Any) -> dict[s
 ROWS = [
     row("right", "a", 0.0, 2.0),
     row("right", "b", 0.0, 8.0),
-    row("judge", "a", 0.0, 200.0),
-    row("judge", "b", 0.0, 800.0),
+    row("slow", "a", 0.0, 200.0),
+    row("slow", "b", 0.0, 800.0),
     row("quick:n=1", "a", 0.02, 1.0),
     row("quick:n=1", "b", 0.04, 4.0),
     row("bad", "a", 0.5, 10.0),
@@ -96,22 +96,22 @@ ROWS = [
 
 
 def test_standings_are_means_over_the_meshes_least_wrong_first() -> None:
-    ranking = metrics.standings(ROWS)
-    assert [s.subject for s in ranking] == ["right", "judge", "quick:n=1", "bad"]
+    ranking = metrics.rank_subjects(ROWS)
+    assert [s.subject for s in ranking] == ["right", "slow", "quick:n=1", "bad"]
     quick = ranking[2]
     assert quick.wrong == pytest.approx(0.03)
     assert quick.seconds == pytest.approx(0.002), "geometric mean"
     assert (quick.n_meshes, quick.pairs, quick.memory) == (2, 2000, 2**20)
 
 
-def test_a_mesh_without_a_pair_to_judge_makes_no_subject_right() -> None:
-    """All its pairs lie in the boundary band: it is in no mean, and a dash in the table."""
+def test_a_mesh_without_a_pair_to_compare_makes_no_subject_right() -> None:
+    """A mesh whose pairs all lie in the boundary band is in no mean, and a dash in the table."""
     band = row("quick:n=1", "c", 0.0, 1.0)
     band["judged"]["outside"] = metrics.as_fractions({"n": 0, "false_visible": 0, "false_hidden": 0})
-    ranking = {one.subject: one for one in metrics.standings([*ROWS, band])}
+    ranking = {one.subject: one for one in metrics.rank_subjects([*ROWS, band])}
     assert ranking["quick:n=1"].wrong == pytest.approx(0.03)
-    assert metrics.standings([band]) == []
-    assert metrics.wrong_outside(band) == "–"
+    assert metrics.rank_subjects([band]) == []
+    assert metrics.format_error(band) == "–"
     cells = table_by_mesh([*ROWS, band]).rows
     assert any(cell.startswith("–") for line in cells for cell in line)
 
@@ -119,22 +119,24 @@ def test_a_mesh_without_a_pair_to_judge_makes_no_subject_right() -> None:
 def test_times_of_fewer_points_are_scaled_up() -> None:
     short = row("slow", "a", 0.0, 1.0)
     short["timed"]["n_points"] = 25
-    (one,) = metrics.standings([short])
+    (one,) = metrics.rank_subjects([short])
     assert one.seconds == pytest.approx(0.004)
     assert one.extrapolated
 
 
-def test_front_and_advice() -> None:
-    ranking = metrics.standings(ROWS)
-    assert metrics.front(ranking) == {"right", "quick:n=1"}
-    words = metrics.advice(ranking)
-    assert (
-        words["right"]
-        == "whenever the answer must be right; the next that is never wrong, `judge`, takes 100 times as long"
-    )
-    assert words["judge"] == "as a check of the others; `right` answers the same 100 times as fast"
-    assert words["quick:n=1"] == "when 3.0 % wrong is good enough: 2.0 times as fast as `right`"
-    assert words["bad"] == "not here: `right` is never wrong and is 5.0 times as fast"
+def test_the_pareto_front_and_the_best_rival_of_the_others() -> None:
+    ranking = metrics.rank_subjects(ROWS)
+    assert metrics.pareto_front(ranking) == {"right", "quick:n=1"}
+    rivals = {one.subject: metrics.best_rival(one, ranking) for one in ranking}
+    assert {name: rival and rival.subject for name, rival in rivals.items()} == {
+        "right": None,
+        "slow": "right",
+        "quick:n=1": None,
+        "bad": "right",
+    }
+    table = table_of_answers(ranking)
+    assert ["**`right`**", "0 %", "4.00", "–", "–"] in table.rows
+    assert ["`slow`", "0 %", "400", "`right`", "100.0"] in table.rows
 
 
 def test_an_exponent_is_found() -> None:
@@ -147,11 +149,11 @@ def test_an_exponent_is_found() -> None:
     [(0.0, "0 %"), (0.5, "50 %"), (0.0312, "3.1 %"), (0.00012, "0.012 %"), (1.0, "100 %"), (0.1 - 1e-17, "10 %")],
 )
 def test_shares_keep_two_digits(fraction: float, text: str) -> None:
-    assert metrics.share(fraction) == text
+    assert metrics.format_percent(fraction) == text
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.00065, "0.650"), (0.0123, "12.3"), (1.5678, "1,568"), (0.0099999, "10.0")]
 )
 def test_milliseconds_keep_three_digits(seconds: float, text: str) -> None:
-    assert metrics.milliseconds(seconds) == text
+    assert metrics.format_milliseconds(seconds) == text

@@ -1,4 +1,4 @@
-"""Rows are true, resume, and survive subjects that fail, die or hang."""
+"""Rows are right and resume; subjects may fail, crash or hang."""
 
 import os
 from contextlib import closing
@@ -12,19 +12,19 @@ import pytest
 from tests.scenes import box, two_plates
 from zbuf_occlude import Mesh, views
 from zbuf_occlude.compare import run as run_module
-from zbuf_occlude.compare.cases import Case, Question, Subject, ask
+from zbuf_occlude.compare.cases import Case, Question, Subject, sample_question
 from zbuf_occlude.compare.run import (
     ENOUGH_REPEATS,
     ROWS,
-    BenchmarkCase,
     ComparisonFolder,
     MeasurementFailed,
+    MeasurementRunner,
     Reference,
-    affordable,
     compare_masks,
+    fit_to_budget,
     measure,
     run,
-    timed,
+    time_calls,
 )
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -35,7 +35,7 @@ ABOVE = views.ring(2, elevation=89.4)
 
 
 def plates(n_points: int = 400) -> Question:
-    return ask("plates", two_plates(), ABOVE, n_points=n_points, seed=0)
+    return sample_question("plates", two_plates(), ABOVE, n_points=n_points, seed=0)
 
 
 def broken() -> Question:
@@ -43,7 +43,7 @@ def broken() -> Question:
 
 
 def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
-    """Seen from above the upper plate hides the lower one: half the area is visible."""
+    """From above, the upper plate hides the lower one: half the area is visible."""
     cases = [
         Case("meshes", "plates", plates, [Subject("oracle"), Subject("occupancy_grid", {"n": 8})]),
         Case("meshes", "broken", broken, [Subject("oracle")]),
@@ -90,14 +90,14 @@ def test_what_cannot_run_here_is_a_row(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 class Killer:
-    """Kills the process that unpickles it."""
+    """Object that ends the process that unpickles it."""
 
     def __reduce__(self) -> Any:
         return os._exit, (3,)
 
 
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
-    with closing(BenchmarkCase(limit=60.0)) as bench:
+    with closing(MeasurementRunner(limit=60.0)) as bench:
         with pytest.raises(MeasurementFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
@@ -107,7 +107,7 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
 
 
 class Slow(VisibilityQuery):
-    """Takes a microsecond for each pair, and `first` seconds for the first call, by a clock of its own."""
+    """Method with its own clock: a microsecond for each pair, and `first` seconds for the first call."""
 
     def __init__(self, mesh: Mesh, first: float = 0.0) -> None:
         super().__init__(mesh)
@@ -126,14 +126,14 @@ class Slow(VisibilityQuery):
 def test_a_slow_subject_gets_fewer_views_then_fewer_points(
     budget: float, n_views: int, n_points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    question = ask("box", box(), views.paper100(), n_points=20_000, seed=0)
+    question = sample_question("box", box(), views.paper100(), n_points=20_000, seed=0)
     slow = Slow(question.mesh)
     monkeypatch.setattr("time.perf_counter", lambda: slow.now)
-    view_ids, n = affordable(slow, question, budget)
+    view_ids, n = fit_to_budget(slow, question, budget)
     assert (len(view_ids), n) == (n_views, n_points)
 
 
-def test_a_mask_of_fewer_views_and_points_is_judged_on_those(tmp_path: Path) -> None:
+def test_a_mask_of_fewer_views_and_points_is_compared_on_those(tmp_path: Path) -> None:
     question = plates(300)
     expected = Reference(tmp_path, n_points=200).answer(question)
     measurement = measure(question, "oracle", {}, 0.01)
@@ -164,7 +164,7 @@ def test_the_first_call_of_a_size_is_no_measurement(monkeypatch: pytest.MonkeyPa
     question = plates(100)
     slow = Slow(question.mesh, first=0.2)
     monkeypatch.setattr("time.perf_counter", lambda: slow.now)
-    _, wall, cpu = timed(slow, question.points, question.views.eyes, budget=0.3)
+    _, wall, cpu = time_calls(slow, question.points, question.views.eyes, budget=0.3)
     assert wall == pytest.approx([2e-4] * ENOUGH_REPEATS)
     assert len(cpu) == len(wall)
 
@@ -188,5 +188,5 @@ def test_a_torn_line_is_left_out_and_then_replaced(tmp_path: Path) -> None:
 
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     (tmp_path / ROWS).write_text('nonsense\n{"key": 1}\n')
-    with pytest.raises(DatasetError, match="line 1 is not"):
+    with pytest.raises(DatasetError, match="line 1 is not a valid row"):
         ComparisonFolder(tmp_path).rows()

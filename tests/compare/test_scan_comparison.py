@@ -1,4 +1,4 @@
-"""compare-scans: scans that are known are found as they were made; files and poses of all kinds."""
+"""compare_scans on simulated scans, whose measures are known; all formats of files and poses."""
 
 import json
 from dataclasses import replace
@@ -26,7 +26,7 @@ STANDS = look_at([3.0, 1.0, 0.7], [0.0, 0.0, 0.0])
 
 
 def finely(mesh: zo.Mesh, n: int) -> zo.Mesh:
-    """Halve all edges n times, so that there are vertices everywhere."""
+    """Halve all edges n times, for a dense set of vertices."""
     for _ in range(n):
         a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
@@ -41,7 +41,7 @@ def thing() -> zo.Mesh:
 
 
 def seen_by(mesh: zo.Mesh, sensor: zo.sensors.Sensor, pose: np.ndarray = STANDS) -> np.ndarray:
-    """A scan's points in the sensor's own frame."""
+    """Return the points of a scan in the sensor's frame."""
     return (zo.scan(mesh, sensor, pose).points - pose[:3, 3]) @ pose[:3, :3]
 
 
@@ -97,7 +97,7 @@ def test_a_pose_a_little_off_is_refined(thing: zo.Mesh) -> None:
 
 
 def test_scans_in_a_frame_of_their_own(thing: zo.Mesh) -> None:
-    """The scan's frame is neither the sensor's nor the mesh's."""
+    """The scans have a frame of their own."""
     frame = look_at([0.3, -2.0, 1.0], [1.0, 1.0, 1.0])
     points = zo.scan(thing, CAMERA, STANDS).points
     local = (points - frame[:3, 3]) @ frame[:3, :3]
@@ -190,7 +190,7 @@ def test_a_scan_with_lines_of_another_kind_is_read(tmp_path: Path, caplog: pytes
 
 
 def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:
-    """glTF has y up, and `load_mesh` turns it; poses lead to the axes that are in the file."""
+    """glTF has y up, which `load_mesh` turns; poses refer to the axes in the file."""
     import trimesh
 
     trimesh.Trimesh(thing.vertices, thing.faces, process=False).export(tmp_path / "thing.glb")
@@ -200,7 +200,7 @@ def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:
 
 
 def test_what_is_nowhere_near_is_refused(thing: zo.Mesh) -> None:
-    """Millimetres for metres, or no pose: the message has both sizes, and the factor between them."""
+    """Wrong unit or missing pose: the message has both sizes and their ratio."""
     real = seen_by(thing, CAMERA)
     with pytest.raises(zo.ArgumentError, match=r"near the mesh.*1,000 times as large.*Scale it by 0\.001"):
         zo.compare_scans(thing.transformed(1000.0), [real], CAMERA, poses=[STANDS])
@@ -213,7 +213,7 @@ def test_what_is_nowhere_near_is_refused(thing: zo.Mesh) -> None:
 
 
 def test_figures_without_data_are_absent(thing: zo.Mesh, tmp_path: Path) -> None:
-    """A wall before a camera is met within 30 degrees; of a sensor that looks away nothing is predicted."""
+    """Incidences on a wall before a camera are below 30 degrees; a sensor that looks away predicts nothing."""
     wall = finely(zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]]), 3)
     before = look_at([5.0, 0.0, 0.0], [0.0, 0.0, 0.0])
     (found,) = zo.compare_scans(wall, [seen_by(wall, CAMERA, before)], CAMERA, poses=[before])
@@ -241,7 +241,7 @@ def test_figures_without_data_are_absent(thing: zo.Mesh, tmp_path: Path) -> None
 
 
 def test_folders_of_bop_are_read_as_they_are(thing: zo.Mesh, tmp_path: Path) -> None:
-    """Millimetres, K from the first pixel's centre, and steps that are no millimetre; each object by its model."""
+    """BOP: millimetres, K from the first pixel's centre, other depth units; each object with its model."""
     small = box((0.3, 0.2, 0.1))
     scene = zo.Scene.joined([Placed(thing, "thing"), Placed(small, "crate", moved(yaw=0.4, to=(0.0, 1.2, 0.1)))])
     views = zo.views.for_mesh(scene.mesh, "ring:2@30")

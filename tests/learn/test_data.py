@@ -1,4 +1,4 @@
-"""CloudSet: what it refuses, subsets; clouds through the pipeline and back."""
+"""CloudSet: wrong arguments, subsets, and clouds of a dataset."""
 
 from pathlib import Path
 
@@ -78,13 +78,13 @@ def test_too_many_points_and_sets_that_do_not_fit() -> None:
     clouds = some_clouds()
     with pytest.raises(ArgumentError, match=r"n must lie in 1\.\.9, the points of each cloud; got 10"):
         clouds.select_points(10, seed=0)
-    with pytest.raises(ArgumentError, match="sets to be joined must have the same classes and sizes"):
-        CloudSet.joined(clouds, clouds.select_points(4, seed=0))
+    with pytest.raises(ArgumentError, match="both sets must have the same classes and the same size"):
+        CloudSet.concatenate(clouds, clouds.select_points(4, seed=0))
 
 
 @pytest.mark.parametrize("format", ["packed", "hdf5"])
 def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
-    """Occluded clouds know their camera, complete ones have none; both know their object."""
+    """Occluded clouds have the camera's elevation, complete ones have none; both have their object."""
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
     recipe = DatasetConfig(method="exact", views="ring:3@40", n_points=600, sample_size=64)
     generate(Plan(meshes, recipe, format), tmp_path / "seen")

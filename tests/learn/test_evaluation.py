@@ -1,4 +1,4 @@
-"""Evaluation: figures of a matrix worked out by hand, JSON and PNG, and that the network is left as it was."""
+"""Evaluation: scores of a matrix computed by hand, JSON and PNG; the mode of the network is restored."""
 
 import json
 import math
@@ -17,11 +17,11 @@ from zbuf_occlude.learn.networks import Classifier  # noqa: E402
 
 CLASSES = ("bed", "car", "lamp", "sofa")
 EVALUATION = Confusion(CLASSES, CLASSES, np.array([[3, 1, 0, 0], [2, 4, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]))
-"""Of lamps there are none and none was named; nor sofas."""
+"""Matrix without lamps and without predicted lamps or sofas."""
 
 
 class Highest(Classifier):
-    """Names the class whose number is the height of the cloud's highest point; with a layer that has a mode."""
+    """Classifier by the height of the highest point, with a layer that has a mode."""
 
     def __init__(self) -> None:
         super().__init__(4)
@@ -65,7 +65,7 @@ def test_json_and_png(tmp_path: Path) -> None:
 
 
 def test_a_picture_shows_each_count() -> None:
-    axes = EVALUATION.draw().axes[0]
+    axes = EVALUATION.plot().axes[0]
     texts = {(int(t.get_position()[0]), int(t.get_position()[1])): t.get_text() for t in axes.texts}
     assert texts == {(0, 0): "3", (1, 0): "1", (0, 1): "2", (1, 1): "4"}
     assert [label.get_text() for label in axes.get_yticklabels()] == list(CLASSES)
@@ -74,12 +74,12 @@ def test_a_picture_shows_each_count() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_classes_of_any_name(tmp_path: Path) -> None:
-    """Names of folders: what matplotlib would take for a formula, and what its font does not have."""
+    """Class names that matplotlib takes for formulas, or whose characters its font lacks."""
     names = ("$x^$", "a_b c", "\u6905\u5b50", "caf\u00e9")
     evaluation = Confusion(names, names, EVALUATION.counts)
     evaluation.write(tmp_path)
     assert list(json.loads((tmp_path / "evaluation.json").read_text())["classes"]) == sorted(names)
-    assert [label.get_text() for label in evaluation.draw().axes[0].get_xticklabels()] == list(names)
+    assert [label.get_text() for label in evaluation.plot().axes[0].get_xticklabels()] == list(names)
 
 
 def test_every_cloud_is_asked_about_once_and_in_evaluation_mode() -> None:

@@ -1,4 +1,4 @@
-"""The networks and their features: as published, against NumPy twins and torch's own layers, and that they learn."""
+"""Networks and features: published sizes, NumPy and torch equivalents, and training."""
 
 import math
 
@@ -30,7 +30,7 @@ def count(model: "torch.nn.Module") -> int:
 
 
 def clouds(n_clouds: int, n_points: int) -> "torch.Tensor":
-    """Boxes of different proportions."""
+    """Return boxes of different proportions."""
     generator = torch.Generator().manual_seed(11)
     sides = torch.rand(n_clouds, 1, 3, generator=generator) + 0.1
     return (torch.rand(n_clouds, n_points, 3, generator=generator) - 0.5) * sides
@@ -68,7 +68,7 @@ def test_eight_clouds_are_learnt_by_heart(name: str) -> None:
     torch.manual_seed(1)
     network = find_model(name).build(4)
     points, labels = network.normalise(clouds(8, 64)), torch.tensor([3, 1, 0, 2, 2, 0, 1, 3])
-    network.settle(0.0)
+    network.anneal_momentum(0.0)
     optimizer = torch.optim.Adam(network.parameters(), 0.001, fused=True)
     for step in range(120):
         loss = network.loss(points, labels)
@@ -162,14 +162,14 @@ def uniform(n_clouds: int, n_points: int) -> "torch.Tensor":
 
 
 def occupancy_numpy(points: np.ndarray) -> np.ndarray:
-    """What `occupancy` computes, by the histogram of each cloud."""
+    """Compute `occupancy` by the histogram of each cloud."""
     edges = (np.arange(VOXELS + 1) - VOXELS / 2) / OBJECT_VOXELS
     counts = np.stack([np.histogramdd(cloud, bins=(edges, edges, edges))[0] for cloud in points])
     return np.where(counts > 0, 1.0, -1.0).astype(np.float32)[:, None]
 
 
 def fisher_vectors_numpy(points: np.ndarray, n_gaussians: int) -> np.ndarray:
-    """What `fisher_vectors` computes, from the formulas as they stand in its paper, in float64."""
+    """Compute `fisher_vectors` from the formulas of its paper, in float64."""
     g = n_gaussians
     axis = np.linspace(-1.0 + 1.0 / g, 1.0 - 1.0 / g, g)
     centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Training: it learns, stops early, goes on after a stop to the same weights, and refuses what is not its own."""
+"""Training: learning, early stop, resuming to the same weights, and refused folders."""
 
 import itertools
 import json
@@ -32,7 +32,7 @@ CONFIG = TrainConfig(epochs=5, batch_size=8, device="cpu")
 
 
 def boxes(n_clouds: int, seed: int, n_points: int = 40) -> CloudSet:
-    """Flat boxes and tall ones, in turn."""
+    """Return flat and tall boxes in turn."""
     rng = np.random.default_rng(seed)
     labels = np.arange(n_clouds) % 2
     sides = np.where(labels[:, None] == 0, [1.0, 0.8, 0.1], [0.3, 0.2, 1.0]) * rng.uniform(0.9, 1.1, (n_clouds, 3))
@@ -42,7 +42,7 @@ def boxes(n_clouds: int, seed: int, n_points: int = 40) -> CloudSet:
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """Sums depend on the number of threads in their last bits."""
+    """Use one thread: the last bits of sums depend on their number."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -93,7 +93,7 @@ def test_it_stops_early_and_keeps_the_first_of_equals(tmp_path: Path) -> None:
 
 
 class Killed(Exception):  # noqa: N818  (no error: an end)
-    """As if the process were."""
+    """Exception that stands for the end of the process."""
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_stopped_and_resumed_it_ends_with_the_same_weights(
     seconds: float,
     left: list[int],
 ) -> None:
-    """In the midst of the fourth epoch, whose first step has changed the weights; and when all are over."""
+    """Interrupts in the fourth epoch, after a step has changed the weights, and at the end."""
     undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
     folder, whole, calls = tmp_path / "stopped", pkgutil.resolve_name(place), itertools.count(1)
 
@@ -128,7 +128,9 @@ def test_stopped_and_resumed_it_ends_with_the_same_weights(
         with pytest.raises(how):
             train(CONFIG, boxes(24, 0), boxes(8, 1), folder, checkpoint_seconds=seconds)
     assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
-    with pytest.raises(DatasetError, match=rf"it has no {MODEL}. Its training is not done; run the same command again"):
+    with pytest.raises(
+        DatasetError, match=rf"it has no {MODEL}. Its training is not finished; run the same command again"
+    ):
         load_trained(folder)
     (folder / ".zbuf-0123456789abcdef.part").write_bytes(b"what a kill while writing leaves")
     numbers: list[int] = []
@@ -150,7 +152,7 @@ def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path)
         ((SHORT, boxes(8, 5), CLOUDS[1]), "clouds"),
         ((SHORT, CLOUDS[0], CLOUDS[0]), "clouds"),
     ):
-        said = rf"must be empty or of this same training; it holds one with other {different}\. Choose"
+        said = rf"must be empty or hold this same training; it holds one with other {different}\. Choose"
         with pytest.raises(DatasetError, match=said):
             train(*other, tmp_path)
 
@@ -165,7 +167,7 @@ def test_augmentation_is_seen_by_the_network(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
 def test_half_precision_is_near_the_full_one(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The dtypes that mixed precision on CUDA brings, on a processor: nothing clashes, the loss is nearly the same."""
+    """Mixed precision on a CPU has the dtypes of CUDA; the loss is nearly the same."""
     monkeypatch.setattr("zbuf_occlude.learn.networks.SMALL", 0)  # CUDA takes torch's convolution
     torch.manual_seed(0)
     network = find_model(model).build(2)
@@ -216,44 +218,44 @@ def test_devices() -> None:
     for name in ("tpu", "cuda:one", "cpu:"):
         with pytest.raises(OptionError, match="device must be auto, cpu, cuda or cuda:N; got"):
             TrainConfig(device=name).find_device()
-    with pytest.raises(UnavailableError, match=r"device 'cuda:99' must be there; PyTorch sees \d+ CUDA devices"):
+    with pytest.raises(UnavailableError, match=r"device 'cuda:99' is not available: PyTorch sees \d+ CUDA devices"):
         TrainConfig(device="cuda:99").find_device()
 
 
 def test_clouds_that_cannot_be_trained_on(tmp_path: Path) -> None:
     clouds = boxes(4, 0)
-    with pytest.raises(ArgumentError, match="needs 2 clouds and validation 1, at least; got 1 and 4"):
+    with pytest.raises(ArgumentError, match="needs at least 2 clouds and validation at least 1; got 1 and 4"):
         train(CONFIG, clouds.subset([0]), clouds, tmp_path)
     alone = replace(clouds.subset([0, 2]), classes=("flat",))
-    with pytest.raises(ArgumentError, match="training needs 2 classes, at least; the clouds have flat"):
+    with pytest.raises(ArgumentError, match="training needs at least 2 classes; the clouds have flat"):
         train(CONFIG, alone, alone, tmp_path)
     with pytest.raises(ArgumentError, match="same classes; got flat, tall and low, high"):
         train(CONFIG, clouds, replace(clouds, classes=("low", "high")), tmp_path)
-    with pytest.raises(OptionError, match="n_points must be at most 40, those of a cloud; got 41"):
+    with pytest.raises(OptionError, match="n_points must be at most 40, the points of a cloud; got 41"):
         train(replace(CONFIG, n_points=41), clouds, clouds, tmp_path)
 
 
 def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See: zbuf-occlude train"):
+    with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See zbuf-occlude train"):
         load_trained(tmp_path)
     train(SHORT, *CLOUDS, tmp_path)
     whole = (tmp_path / MODEL).read_bytes()
     for damaged in (b"", b"nonsense", whole[: len(whole) // 2]):
         (tmp_path / MODEL).write_bytes(damaged)
-        with pytest.raises(DatasetError, match="must be a file that training wrote; it cannot be read"):
+        with pytest.raises(DatasetError, match="is damaged: it cannot be read"):
             load_trained(tmp_path)
     for another in ({"weights": {}}, {"fingerprint": ""}, [], torch.zeros(2)):
         torch.save(another, tmp_path / MODEL)
         for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
-            with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
+            with pytest.raises(DatasetError, match="was not written by `train`"):
                 read()
     (tmp_path / MODEL).unlink()
     for n_bytes in (1000, 5000):  # PyTorch fails on the second with an OSError that names no file
         (tmp_path / CHECKPOINT).write_bytes(whole[:n_bytes])
-        with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote; it cannot be read"):
+        with pytest.raises(DatasetError, match=rf"{CHECKPOINT} is damaged: it cannot be read"):
             train(SHORT, *CLOUDS, tmp_path)
     (tmp_path / CHECKPOINT).write_bytes(whole)  # a model is no checkpoint
-    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be as .* wrote it; it is not \(no 'optimizer'\)"):
+    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} does not match this version's network \(no 'optimizer'\)"):
         train(SHORT, *CLOUDS, tmp_path)
     document = torch.load(tmp_path / CHECKPOINT)
     (tmp_path / CHECKPOINT).unlink()
@@ -268,13 +270,13 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
     ):
         torch.save({**document, part: value}, tmp_path / MODEL)
         for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
-            with pytest.raises(DatasetError, match=rf"{MODEL} must be as this version's .* it is not \(.*{reason}"):
+            with pytest.raises(DatasetError, match=rf"{MODEL} does not match this version's network \(.*{reason}"):
                 read()
 
 
 def test_a_training_that_fell_apart_leaves_no_model(tmp_path: Path) -> None:
-    """The only step goes astray: its loss was still right, the weights after it are not."""
-    with pytest.raises(OptionError, match=r"must stay finite; in epoch 1 it is .*\. Lower the learn"):
+    """The only step diverges: its loss is finite, the weights after it are not."""
+    with pytest.raises(OptionError, match=r"The loss is .* in epoch 1; it must stay finite\. Lower the learn"):
         train(replace(SHORT, learning_rate=1e38), *CLOUDS, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -1,4 +1,4 @@
-"""Real drives made by hand: one sweep in KITTI's and in Argoverse 2's layout, with the same objects in both."""
+"""Hand-made drives: one sweep in KITTI's and in Argoverse 2's layout, with the same objects."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,12 +9,12 @@ from pyarrow import feather
 
 RNG = np.random.default_rng(15)
 TURN = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""KITTI's LiDAR (x forward, y left, z up) to its camera (x right, y down, z forward)."""
+"""Rotation from KITTI's LiDAR (x forward, y left, z up) to its camera (x right, y down, z forward)."""
 
 
 @dataclass(frozen=True)
 class Thing:
-    """A box that stands on the ground: its names in both layouts, middle, sides, turn about z, points within."""
+    """A box on the ground: labels in both layouts, centre, sides, rotation about z, number of points within."""
 
     kitti: str
     argoverse: str
@@ -34,14 +34,14 @@ THINGS = (
 
 
 def points_in(thing: Thing) -> np.ndarray:
-    """Random points well within a box, in the LiDAR's frame."""
+    """Return random points within a box, in the LiDAR's frame."""
     local = RNG.uniform(-0.45, 0.45, (thing.n_points, 3)) * thing.sides
     cos, sin = np.cos(thing.yaw), np.sin(thing.yaw)
     return local @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) + thing.middle
 
 
 def sweep() -> np.ndarray:
-    """The points of all things, and a ring of others far from them."""
+    """Return the points of all boxes, and a ring of others far from them."""
     angle = RNG.uniform(0.0, 2 * np.pi, 300)
     far = np.stack([60 * np.cos(angle), 60 * np.sin(angle), np.full(300, -1.7)], axis=1)
     return np.concatenate([*(points_in(thing) for thing in THINGS), far])

@@ -1,4 +1,4 @@
-"""Results and real scans written by hand, and a study small enough for a test."""
+"""Hand-made results and real scans, and a study small enough for a test."""
 
 import struct
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ TINY = replace(
     n_points=(32,),
     views=2,
 )
-"""Some ten classifiers of a second each."""
+"""About ten classifiers of a second each."""
 
 DOCUMENT = {
     "n_parameters": 1000, "n_training": 40, "epochs": 3, "seconds": 1.5, "machine": "a machine", "device": "cpu",
@@ -41,7 +41,7 @@ DOCUMENT = {
 
 
 def write_bin(path: Path, points: np.ndarray) -> None:
-    """Written by struct, field by field, as the description of Sydney Urban Objects has it."""
+    """Write points field by field, as the description of Sydney Urban Objects defines them."""
     rows = [
         struct.pack("<qBBfffffi", 1320370833971539 + i, 52, 7, *point, 0.5, 9.25, i) for i, point in enumerate(points)
     ]
@@ -70,20 +70,20 @@ def write_sydney(root: Path, scans: Mapping[str, np.ndarray]) -> Path:
 
 
 def confusion(accuracy: float, n: int = 200, truth: tuple[str, ...] = ("bed", "car")) -> Confusion:
-    """This many clouds, half of each of two classes, of which a share is labelled right."""
+    """Return the confusion matrix of `n` clouds of two classes with an accuracy."""
     right = round(accuracy * n / 2)
     wrong = n // 2 - right
     return Confusion(truth, ("bed", "car"), np.array([[right, wrong], [wrong, right]]))
 
 
 def result(experiment: str, tests: dict[str, Confusion], **facts: Any) -> Result:
-    """Return a result with a document as short as a report allows."""
+    """Return a result with the shortest document that a report needs."""
     budget = {} if experiment == ELEVATION else {"budget": CLOUDS}
     return Result(experiment, {"seed": 0, **budget, **facts}, tests, DOCUMENT)
 
 
 def study_of_augmentation() -> list[Result]:
-    """Two seeds of VoxNet and one of PointNet, whose accuracies are 0.01 apart between seeds."""
+    """Return results of two seeds of VoxNet and one of PointNet; accuracies of seeds differ by 0.01."""
     table = {1: (0.80, 0.75), 2: (0.85, 0.45), 3: (0.90, 0.80)}
     rows = []
     for model, seeds in (("voxnet", (0, 1)), ("pointnet", (0,))):
@@ -95,7 +95,7 @@ def study_of_augmentation() -> list[Result]:
 
 
 def study_of_methods() -> list[Result]:
-    """A grid's clouds against exact ones, for VoxNet."""
+    """Return results of VoxNet on clouds by a grid and by a depth buffer."""
     grid, depth = "occupancy_grid:n=64", "depth_buffer"
     rows = []
     for seed in (0, 1):
@@ -108,7 +108,7 @@ def study_of_methods() -> list[Result]:
 
 
 def study_of_elevation() -> list[Result]:
-    """One seed of VoxNet: 80 % everywhere, 60 % at 0, 20 points less with objects held out."""
+    """Return results of one seed of VoxNet: 80 % everywhere, 60 % at 0, 20 points less with objects held out."""
     rows = []
     for split, less in (("elevations", 0.0), ("objects", 0.2)):
         tests = {str(e): confusion((0.6 if e == 0 else 0.8) - less) for e in TEST_ELEVATIONS}

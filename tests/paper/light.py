@@ -1,4 +1,4 @@
-"""A network of two layers in place of the paper's: studies are about clouds, trials and tables, not about VoxNet."""
+"""A network of two layers in place of the paper's, for tests of studies."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,7 @@ begin = study._begin_worker
 
 
 class Light(Classifier):
-    """A function of each point, then the maximum; with dropout, so that seeds decide here too."""
+    """A function of each point, then the maximum; dropout makes results depend on the seed."""
 
     def __init__(self, n_classes: int) -> None:
         super().__init__(n_classes)
@@ -28,7 +28,7 @@ class Light(Classifier):
 
 
 def put_in_place(patch: pytest.MonkeyPatch) -> None:
-    """Every model that is asked for by its name is a light one, in this process and in those that train."""
+    """Replace every model by the light one, in this process and in those that train."""
     factory = f"{__name__}:{Light.__name__}"
     rows = tuple(replace(row, factory=factory, options={}) for row in models.MODELS)
     patch.setattr(models, "MODELS", rows)
@@ -36,6 +36,6 @@ def put_in_place(patch: pytest.MonkeyPatch) -> None:
 
 
 def begin_worker(*given: Any) -> None:
-    """Begin as a process does that trains."""
+    """Begin a training process with the light models."""
     put_in_place(pytest.MonkeyPatch())
     begin(*given)

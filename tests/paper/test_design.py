@@ -1,4 +1,4 @@
-"""What a study is made of: its size, and objects as the surfaces of voxels."""
+"""Sizes of studies, and objects as surfaces of voxels."""
 
 from dataclasses import replace
 

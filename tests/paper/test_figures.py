@@ -1,4 +1,4 @@
-"""The paper's figures: what they measure against closed forms, and that each can be drawn."""
+"""The paper's figures: their measures against closed forms; each can be drawn."""
 
 import numpy as np
 import pytest

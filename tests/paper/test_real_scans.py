@@ -1,4 +1,4 @@
-"""Real scans: files written here by struct and by hand, the published counts and folds, and which way is up."""
+"""Real scans: hand-made files, the published counts and folds, and the up direction."""
 
 from collections import Counter
 from pathlib import Path
@@ -37,7 +37,7 @@ needs_counts = pytest.mark.skipif(not SYDNEY.is_dir(), reason=f"{SYDNEY} is not 
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """Four folds of a car and a tree each, one of each pair as CSV."""
+    """Four folds of a car and a tree each, the trees as CSV."""
     rng, sizes = np.random.default_rng(1), {"car.{0}.10{0}": 300, "tree.{0}.20{0}": 13}
     scans = {name.format(i): rng.uniform(0, 4, (n, 3)) for i in range(4) for name, n in sizes.items()}
     return write_sydney(tmp_path, scans)
@@ -67,7 +67,7 @@ def test_clouds(root: Path) -> None:
 
 @needs_counts
 def test_the_published_folds_and_counts(tmp_path: Path) -> None:
-    """A dataset with every published name and number of points: what the paper counts comes out."""
+    """A dataset with all published names and numbers of points has the counts of the paper."""
     rows = [line.split("\t") for line in (SYDNEY / "point_counts.tsv").read_text().splitlines()[1:]]
     counts = {name: int(n) for name, _, n, _ in rows}
     folds = {name: fold for name, _, _, fold in rows}
@@ -80,12 +80,12 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
     assert len(counts) == 631
     assert len(scans) == 588
     assert Counter(scan.fold for scan in scans) == {0: 146, 1: 155, 2: 132, 3: 155}
-    assert {scan.label for scan in scans} == set(CLASSES)
+    assert {scan.class_name for scan in scans} == set(CLASSES)
     assert [scan.fold for scan in scans] == [int(folds[scan.name]) for scan in scans]
-    vehicles = [scan for scan in scans if scan.label in VEHICLES]
+    vehicles = [scan for scan in scans if scan.class_name in VEHICLES]
     assert len(vehicles) == 188, "the paper's number (4.4)"
-    assert Counter(scan.label for scan in vehicles)["car"] == 88
-    assert Counter(scan.label for scan in vehicles)["4wd"] == 21
+    assert Counter(scan.class_name for scan in vehicles)["car"] == 88
+    assert Counter(scan.class_name for scan in vehicles)["4wd"] == 21
     chosen = [scans[i] for i in rng.choice(len(scans), 20, replace=False)]
     assert [len(read_scan(scan.path, "z")) for scan in chosen] == [counts[scan.name] for scan in chosen]
 
@@ -117,7 +117,7 @@ def test_what_is_wrong_with_the_archive(root: Path, place: str, content: bytes |
 
 
 def damage(path: Path, content: bytes | None) -> None:
-    """Write something else into a file, or take a file or folder away."""
+    """Change the content of a file, or remove a file or folder."""
     if content is None:
         path.rename(path.with_name("elsewhere"))
     else:
@@ -148,7 +148,7 @@ N_CARS = 10
 
 @pytest.fixture(scope="module")
 def cars() -> list[np.ndarray]:
-    """Cars 4.5 m long, seen from 8 to 26 m by a scanner 1.9 m above the ground; metres, z up, about the scanner."""
+    """Return scans of cars 4.5 m long at 8 to 26 m, by a scanner 1.9 m above the ground; metres, z up."""
     scans, sensor = [], zo.sensors.make("hdl-64e", columns=900)
     for number in range(N_CARS):
         mesh = shapes.make("car", number).normalized()
@@ -162,7 +162,7 @@ def cars() -> list[np.ndarray]:
 
 
 def signs() -> list[np.ndarray]:
-    """A plate on a pole, z up."""
+    """Return a plate on a pole, z up."""
     rng = np.random.default_rng(0)
     pole = np.column_stack([rng.normal(0, 0.03, (60, 2)), rng.uniform(0, 2.0, 60)])
     plate = np.column_stack([rng.uniform(-0.5, 0.5, 80), rng.normal(0, 0.02, 80), rng.uniform(2.0, 2.8, 80)])
@@ -250,7 +250,7 @@ SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
         (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
         (SWEEP, {"x": [1.0]}, "must have the columns x, y, z; it lacks one"),
         (SWEEP, {"x": ["far"], "y": ["far"], "z": ["far"]}, "cannot be read .could not convert string to float: 'far'"),
-        (SWEEP, None, "or has no sweep"),
+        (SWEEP, None, "or no sweep"),
     ],
 )
 def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, tmp_path: Path) -> None:
@@ -275,14 +275,14 @@ def test_sweeps_and_boxes_that_say_nothing(tmp_path: Path) -> None:
     table = feather.read_table(boxes)
     nothing = pyarrow.array([None] * len(table), pyarrow.float64())
     feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", nothing), boxes)
-    with pytest.raises(DatasetError, match=r"annotations.feather must be numbers; that of row 0 has others"):
+    with pytest.raises(DatasetError, match=r"annotations.feather must be finite numbers; that of row 0 is not"):
         read_objects(root, 1)
 
 
 def test_folders_that_are_no_drive_or_have_no_car(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"in KITTI's layout \(velodyne.*Argoverse 2's.*is neither"):
+    with pytest.raises(DatasetError, match=r"in KITTI's layout \(velodyne.*Argoverse 2's.*has neither"):
         layout_of(tmp_path)
-    with pytest.raises(DatasetError, match="is not there"):
+    with pytest.raises(DatasetError, match="does not exist"):
         layout_of(tmp_path / "no")
     root = write_kitti(tmp_path / "drive")
     lines = (root / LABEL).read_text().splitlines()

@@ -1,4 +1,4 @@
-"""A whole study, small: both experiments, stopped and gone on with, scans given later; and what a folder refuses."""
+"""A small study: both experiments, interrupted and resumed, scans added later; and folders that are refused."""
 
 import json
 import multiprocessing
@@ -48,25 +48,25 @@ from zbuf_occlude.paper.study_report import write_study  # noqa: E402
 
 
 class Stop(Exception):  # noqa: N818  (no error: an end)
-    """As if the process were killed."""
+    """Exception that stands for the end of the process."""
 
 
 class Heard(Progress):
-    """Remembers what it heard; stops at so many reports of trials, or clouds."""
+    """Recorder of progress; it stops after a number of reports or clouds."""
 
     def __init__(self, n_reports: int = 10**9, n_clouds: int = 10**9) -> None:
         self.n_reports, self.n_clouds = n_reports, n_clouds
         self.planned, self.made, self.trials = 0, 0, list[tuple[str, float]]()
 
-    def plan(self, n_clouds: int, n_trials: int) -> None:
+    def set_totals(self, n_clouds: int, n_trials: int) -> None:
         self.planned = n_clouds
 
-    def clouds(self, n: int) -> None:
+    def add_clouds(self, n: int) -> None:
         self.made += n
         if self.made >= self.n_clouds:
             raise Stop
 
-    def trial(self, key: str, share: float) -> None:
+    def update_trial(self, key: str, share: float) -> None:
         self.trials.append((key, share))
         if len(self.trials) == self.n_reports:
             raise Stop
@@ -81,7 +81,7 @@ def light_networks() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study that was stopped three times, in its clouds and in two of its trainings, and is done now."""
+    """A finished study that was interrupted three times: in its clouds and in two trainings."""
     out = tmp_path_factory.mktemp("studies") / "study"
     for stop in (Heard(n_clouds=30), Heard(6), Heard(20)):
         with pytest.raises(Stop):
@@ -105,7 +105,7 @@ def test_every_classifier_is_there(folder: Path) -> None:
         if result.experiment == ELEVATION:
             assert set(result.tests) == {str(e) for e in TEST_ELEVATIONS}
             assert all(
-                test.counts.sum() == (40 if result.is_of(split="elevations") else 8) for test in result.tests.values()
+                test.counts.sum() == (40 if result.matches(split="elevations") else 8) for test in result.tests.values()
             )
         else:
             assert result.tests["original"].counts.sum(axis=1).tolist() == [1] * 8
@@ -121,7 +121,7 @@ def test_every_classifier_is_there(folder: Path) -> None:
 def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An uninterrupted study in two processes; the other was stopped more than once."""
+    """An uninterrupted study in two processes equals the interrupted one."""
     monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))  # no time for the others
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
     heard = Heard()
@@ -157,12 +157,14 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
     assert "Test 3 has 56 clouds" in text
     assert "Real scans: -z of the files is up, assumed" in text, "these are noise"
     assert "](scans.png)" in text
-    with pytest.raises(DatasetError, match=r"must be turned as before \(-z of the files is up.*now z would be up"):
+    with pytest.raises(
+        DatasetError, match=r"The up axis of the scans .* has changed \(-z of the files is up.*now it is z"
+    ):
         run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, scans_up="z", workers=1)
 
 
 def kill_oneself() -> CloudSet:
-    """As a machine without memory does."""
+    """Kill this process, as a machine without memory does."""
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError
 
@@ -175,7 +177,7 @@ def complain() -> CloudSet:
 @pytest.mark.parametrize(
     ("end", "error", "message"),
     [
-        (kill_oneself, UnavailableError, "the processes that train must live; one was killed"),
+        (kill_oneself, UnavailableError, "A worker of the training failed: its process was killed"),
         (complain, DatasetError, "it is not there"),
     ],
 )
@@ -248,9 +250,9 @@ def test_elevation_sets(folder: Path) -> None:
 
 def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
     elevation = Elevation(shapes.collection(), FULL, tmp_path)
-    assert elevation.n_clouds == 200_000
+    assert elevation.max_clouds == 200_000
     augmentation = Augmentation(shapes.collection(), FULL, tmp_path)
-    plan = augmentation.plan(MAIN)
+    plan = augmentation.plan_of(MAIN)
     assert plan.n_clouds == 15_000
     splits = [entry.split for entry in plan.meshes]
     assert [25 * splits.count(split) for split in ("train", "val", "test")] == [8_000, 2_000, 5_000]
@@ -259,7 +261,7 @@ def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
 
 
 def write_modelnet(root: Path, labels: tuple[str, ...], n_train: int, n: int) -> None:
-    """Write empty meshes as ModelNet names them."""
+    """Write empty meshes with ModelNet's names."""
     for label in labels:
         for number in range(1, n + 1):
             folder = root / label / ("train" if number <= n_train else "test")
@@ -268,7 +270,7 @@ def write_modelnet(root: Path, labels: tuple[str, ...], n_train: int, n: int) ->
 
 
 def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> None:
-    """40, 10 and 25 of each of the eight classes, whatever else there is; nothing is loaded to choose."""
+    """The selection has 40, 10 and 25 of each of the eight classes; no mesh is loaded."""
     write_modelnet(tmp_path, (*shapes.CLASSES, "bathtub"), 60, 85)
     one, other = (Augmentation(find_objects(tmp_path), FULL, tmp_path).meshes for _ in range(2))
     assert [(entry.key, entry.split) for entry in one] == [(entry.key, entry.split) for entry in other]
@@ -283,7 +285,7 @@ def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> 
 def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(tmp_path: Path) -> None:
     write_modelnet(tmp_path / "meshes", MODELNET10, 30, 40)
     for experiments in ([AUGMENTATION], [ELEVATION, AUGMENTATION]):
-        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 will do for"):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 suffices for"):
             run_study(tmp_path / "study", FULL, experiments=experiments, modelnet=tmp_path / "meshes")
     assert not (tmp_path / "study").exists()
     with pytest.raises(DatasetError, match="none of 200 did"):  # these meshes are empty; what it would be is written
@@ -296,7 +298,7 @@ def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(t
 
 
 def test_what_augmentation_takes(tmp_path: Path) -> None:
-    views = Augmentation(shapes.collection(), replace(TINY, views=5), tmp_path).plan(MAIN).views
+    views = Augmentation(shapes.collection(), replace(TINY, views=5), tmp_path).plan_of(MAIN).views
     assert degrees(views.elevation).tolist() == [-80, -40, 0, 40, 80]
     assert sorted(degrees(views.azimuth) % 360) == [0, 72, 144, 216, 288]
     with pytest.raises(OptionError, match="must find 75 meshes of each of airplane"):
@@ -305,11 +307,11 @@ def test_what_augmentation_takes(tmp_path: Path) -> None:
 
 def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
     assert len(find_objects()) == 600, "the built-in ones"
-    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 comes from https://modelnet"):
+    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 is at https://modelnet"):
         find_objects(tmp_path / "nowhere")
     write_modelnet(tmp_path, ("bathtub", "bed", "chair", "table"), 1, 1)
     for any_ten in (False, True):
-        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 is at"):
             find_objects(tmp_path, any_ten=any_ten)
 
 
@@ -326,8 +328,8 @@ def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> Non
     whole = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
     for number in (1, 2):
         (tmp_path / "meshes" / "bed" / "train" / f"bed_000{number}.off").write_text(whole)
-    with pytest.raises(MeshError, match=r"each class must have a mesh .*; car has none.*car_0001\.off.*'noth"):
-        Two(TINY, tmp_path / "one").make(lambda n: None)
+    with pytest.raises(MeshError, match=r"No mesh of class car can be used.*car_0001\.off.*'noth"):
+        Two(TINY, tmp_path / "one").make_datasets(lambda n: None)
     (tmp_path / "meshes" / "car" / "train" / "car_0002.off").write_text(whole)
-    failures = Two(TINY, tmp_path / "other").make(lambda n: None)
+    failures = Two(TINY, tmp_path / "other").make_datasets(lambda n: None)
     assert [key.split("/")[-1] for key in failures] == ["car_0001.off"]

@@ -1,4 +1,4 @@
-"""study.html and study.md: from results alone, one file, and in a real browser."""
+"""study.html and study.md: made from results alone, self-contained, shown in a browser."""
 
 import json
 import re
@@ -17,7 +17,7 @@ SHARES = [[0.2 + 0.004 * e, 1.0, 1.0 - 0.005 * abs(e)] for e in range(-90, 91, 1
 
 
 def write(folder: Path, results: list[Result]) -> None:
-    """Write results as a study leaves them."""
+    """Write results as a study does."""
     (folder / FOLDER).mkdir(parents=True)
     study = {
         "size": TINY.to_dict(),
@@ -39,7 +39,7 @@ def write(folder: Path, results: list[Result]) -> None:
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study's folder; drawing its pictures takes most of a second."""
+    """Folder of a study with its report, made once."""
     out = tmp_path_factory.mktemp("written")
     write(out, [*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
     report.write_study(out)
@@ -61,7 +61,7 @@ def test_the_page_needs_nothing_else_and_says_what_the_text_says(folder: Path) -
         assert words.replace("'", "&#x27;") in page
     assert "no | luck" in text
     assert "Sryamkin" in page
-    assert "Guessing would be right in 50.0 % (of 2 classes)." in text
+    assert "A random guess is right in 50.0 % (of 2 classes)." in text
     assert "could not be used" not in text
     for picture in re.findall(r"\]\((\w+\.png)\)", text):
         assert (folder / picture).stat().st_size > 5_000

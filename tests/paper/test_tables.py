@@ -1,4 +1,4 @@
-"""The paper's Tables 1 and 2: its rows as printed, ours as measured; the presets that repeat Table 1."""
+"""The paper's Tables 1 and 2: printed and measured rows, and the presets that repeat Table 1."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -30,7 +30,7 @@ def row(suite: str, obj: str, subject: str, ms: float, n: int = 1000, **timed: A
 
 
 def test_the_papers_reductions_are_its_own_seconds() -> None:
-    """A check of the numbers typed in: 1 - modified / original, as the paper defines it."""
+    """The numbers typed in are consistent: reduction is 1 - modified / original."""
     for original, modified, reduction in TABLE_1A.values():
         assert 100 * (1 - modified / original) == pytest.approx(reduction, abs=0.06)
     for (paper, n), (exact, g32, g64, r32, r64) in TABLE_1B.items():
@@ -72,9 +72,9 @@ def test_table_1b_has_the_grids_error_beside() -> None:
 
 def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
     n_faces, n_points, areas = defaultdict[str, set[int]](set), defaultdict[str, set[int]](set), []
-    for case in cases.scaling(0):
+    for case in cases.scaling_cases(0):
         if "100,000" not in case.label and "30" not in case.label:
-            question = case.make()
+            question = case.make_question()
             n_faces[case.facts["sweep"]].add(len(question.mesh.faces))
             n_points[case.facts["sweep"]].add(len(question.points))
             areas.append(question.mesh.areas.sum())
@@ -84,13 +84,13 @@ def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
 
 
 def test_random_views_are_drawn_for_each_object() -> None:
-    """As in `generate`: by the key, and the same whatever other meshes there are."""
+    """Views depend on the mesh key alone, as in `generate`."""
     recipe = DatasetConfig(views="random:4", seed=3)
     entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
     asked = [
         [
-            case.make().views.eyes
-            for case in cases.of_meshes(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
+            case.make_question().views.eyes
+            for case in cases.mesh_cases(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
         ]
         for some in (MeshCollection(entries), MeshCollection(entries[1:]))
     ]
@@ -103,15 +103,15 @@ def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "chair_1.off").write_bytes(CHAIR.read_bytes())
-    found = cases.of_meshes(
+    found = cases.mesh_cases(
         MeshCollection.from_paths(tmp_path), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
     assert len({case.label for case in found}) == 2
-    (single,) = cases.of_meshes(
+    (single,) = cases.mesh_cases(
         MeshCollection.from_paths(CHAIR), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
     assert single.label == "chair_0003"
-    question = single.make()
+    question = single.make_question()
     assert len(question.views) == 3
     assert np.allclose(
         np.linalg.norm(question.views.eyes - question.mesh.centre, axis=1), 4 * question.mesh.longest_side

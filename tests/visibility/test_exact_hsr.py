@@ -35,7 +35,7 @@ def test_symmetric_views_of_a_box_aim_at_its_edges() -> None:
 
 @needs_chair
 def test_equals_the_oracle_on_the_papers_chair() -> None:
-    """The whole of it, 100 views at 5,000 points, is benchmarks/judge_check.py."""
+    """The whole of it, 100 views at 5,000 points, is benchmarks/reference_check.py."""
     mesh = chair()
     points = zo.sample_surface(mesh, n_points=500, seed=0)
     eyes = zo.views.paper100().eyes[::4]

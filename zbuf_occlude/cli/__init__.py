@@ -1,4 +1,4 @@
-"""The command line: each command is imported when it is called or asked for help."""
+"""Command line; the module of a command is imported when the command is called or its help is shown."""
 
 from importlib import import_module
 from typing import Any
@@ -13,25 +13,25 @@ COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
-    "views": "List the cameras of a view set about a mesh; how much of it they see.",
-    "shapes": "List the built-in shapes, or write one as a mesh to try things on.",
-    "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
+    "views": "List the cameras of a view set about a mesh, and how much of it they see.",
+    "shapes": "List the built-in shapes, or write one of them as a mesh file.",
+    "sensors": "List the sensors (LiDARs, depth cameras), their parameters and sources.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
-    "compare": "Measure methods against the exact reference and each other: rows, report.",
-    "compare-scans": "Measure how real a sensor's scans are, by real scans of a mesh: report, pictures.",
+    "compare": "Compare methods with the exact reference and each other: errors, times, report.",
+    "compare-scans": "Compare real scans of a mesh with a sensor model's scans: report, pictures.",
     "report": "Write the report of a comparison again from its rows.",
-    "status": "Say how far a dataset is.",
+    "status": "Show the progress of a dataset.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
-    "show": "Draw a dataset: a gallery to turn by hand, a contact sheet.",
+    "show": "Draw a dataset: an interactive gallery, a contact sheet.",
     "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",
-    "evaluate": "Test a trained classifier: accuracy, confusion matrix, figures of each class.",
-    "paper": "Repeat the paper: its tables, its figures, its experiments with classifiers.",
-    "methods": "List the methods of hidden-surface removal, and what they need.",
-    "doctor": "Say what works on this machine, and the command that would fix what does not.",
+    "evaluate": "Test a trained classifier: accuracy, confusion matrix, scores of each class.",
+    "paper": "Repeat the paper's tables, figures and experiments with classifiers.",
+    "methods": "List the methods of hidden-surface removal and their requirements.",
+    "doctor": "Check this machine: OpenGL, methods, and how to fix what does not work.",
 }
-"""Name and one line of each command; `NAME_command` of its module is it."""
+"""Summary of each command by its name; the function `NAME_command` of its module is the command."""
 
 _MODULES = {
     "comparison": ("compare", "report"),
@@ -41,31 +41,31 @@ _MODULES = {
     "mesh_views": ("visible", "depth", "views"),
     "one_scan": ("scan",),
     "compare_scans": ("compare-scans",),
-    # commands that go on working, and say by what they are replaced
+    # old names of commands of `paper`
     "experiment": ("experiment",),
     "figure": ("figure",),
 }
-"""Module to the commands in it, where it is not the one of the same name."""
+"""Commands of each module whose name differs from theirs."""
 
 WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
-"""Arguments by which `generate` starts no process on this machine."""
+"""Arguments with which `generate` starts no local process."""
 
 
 class LazyGroup(CommandGroup):
-    """All commands."""
+    """Group of all commands."""
 
     table = COMMANDS
 
     def resolve_command(
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that was called; begin with what takes longest, while the rest is imported and looked at."""
+        """Return the command that was called; the worker server of `generate` starts first, which takes longest."""
         if args[0] == "generate" and not WITHOUT_WORKERS.intersection(args):
             start_server()
         return super().resolve_command(context, args)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """Import the command's module and return the command."""
+        """Return a command; its module is imported."""
         home = next((module for module, names in _MODULES.items() if name in names), name)
         if name not in COMMANDS and home not in _MODULES:
             return None
@@ -73,7 +73,7 @@ class LazyGroup(CommandGroup):
         return command
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command, once the shell lets it run at all."""
+        """Run a command after the checks of the environment."""
         check_surroundings()
         on_compiled(COMPILING.one_more)
         try:
@@ -88,8 +88,8 @@ class LazyGroup(CommandGroup):
 )
 @click.version_option(package_name="zbuf-occlude")
 def group() -> None:
-    """Complete triangle meshes in, occluded point clouds out.
+    """Make occluded point clouds of complete triangle meshes.
 
-    Start with `zbuf-occlude generate`: without arguments it makes a dataset of the built-in shapes in ./occluded.
+    Start with `zbuf-occlude generate`: without arguments it writes a dataset of the built-in shapes to ./occluded.
     Angles are in degrees, distances in multiples of the object's longest side.
     """

@@ -1,4 +1,4 @@
-"""`zbuf-occlude train` and `zbuf-occlude evaluate`: classifiers from datasets that `generate` wrote."""
+"""Commands `train` and `evaluate`: classifiers trained and tested on datasets of `generate`."""
 
 import math
 from functools import reduce
@@ -16,41 +16,43 @@ from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.meshes.collection import SPLITS
 
 HELD_OUT = 0.1
-"""Of the objects, where a dataset has no clouds to validate with."""
+"""Fraction of the objects held out for validation where a dataset has no split val."""
 
 
 @click.command(cls=Command)
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the model.")
-@click.option("--model", type=Name([row.name for row in MODELS]), default="voxnet", help="Network.")
-@click.option("--epochs", type=click.IntRange(1), default=100, help="Passes over the clouds at most.")
+@click.option("--model", type=Name([row.name for row in MODELS]), default="voxnet", help="Network architecture.")
+@click.option("--epochs", type=click.IntRange(1), default=100, help="Maximum number of epochs.")
 @click.option(
     "--patience",
     type=click.IntRange(1),
     default=20,
     help="Epochs without a better validation after which training stops.",
 )
-@click.option("--batch-size", type=click.IntRange(2), default=32, help="Clouds of a step.")
+@click.option("--batch-size", type=click.IntRange(2), default=32, help="Clouds per training step.")
 @click.option("--learning-rate", type=float, default=0.001, help="Initial learning rate of Adam.")
-@click.option("--points", "n_points", type=click.IntRange(1), help="Points of each cloud.  [default: all]")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
-@click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.")
-@click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.")
-@click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.")
-@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
-@click.option("--mixed-precision/--full-precision", default=True, help="On CUDA, half precision where it is safe.")
+@click.option(
+    "--points", "n_points", type=click.IntRange(1), help="Points of each cloud that are used.  [default: all]"
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
+@click.option("--rotate/--no-rotate", default=True, help="Augment by rotation about the z axis.")
+@click.option("--rescale/--no-rescale", default=True, help="Augment by scaling by 0.8 to 1.25.")
+@click.option("--jitter/--no-jitter", default=True, help="Augment by noise on each coordinate.")
+@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto: CUDA if available.")
+@click.option("--mixed-precision/--full-precision", default=True, help="Automatic mixed precision on CUDA.")
 def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
 
-    Clouds of the split train are learnt from; those of val say which epoch is best and when to stop. Without a split
-    val, 10 % of the objects of train are held out for that. Several DIRs must have the same classes, such as
-    a dataset and the complete clouds of its preset.
+    The split train is used for training. The split val decides which epoch is best and when to stop; without it, 10 %
+    of the objects of train are held out. Several DIRs must have the same classes, such as a dataset and the complete
+    clouds of its preset.
 
     \b
     Writes into --out:
       model.pt        weights of the best epoch, the classes, the options
       history.json    loss and validation of each epoch
-      checkpoint.pt   while it trains; the same command again resumes from it
+      checkpoint.pt   during training; the same command again resumes from it
 
     \b
     Examples:
@@ -59,10 +61,10 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
       zbuf-occlude evaluate pointnet clouds
     """
     require_torch()
-    from zbuf_occlude.learn.training import TrainConfig, hold_out, train  # late: it needs torch
+    from zbuf_occlude.learn.training import TrainConfig, hold_out, train  # late: imports PyTorch
 
     config = TrainConfig(**options)
-    config.find_device()  # before anything is read
+    config.find_device()  # raises before any file is read
     training = load_split(folders, "train")
     if all("val" in open_dataset(folder).order for folder in folders):
         validation = load_split(folders, "val")
@@ -76,10 +78,10 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
         if unknown and len(unknown) == len(labels):
             raise DatasetError(
                 f"train and {split} must share a class; train has {', '.join(training.labelled)}, {split} "
-                f"{', '.join(labels)}. Generate more objects, with a larger --limit or none."
+                f"{', '.join(labels)}. Generate more objects: raise --limit or leave it out."
             )
         if unknown:
-            echo(f"warning: {split} has classes that are not trained on: {', '.join(unknown)}", err=True)
+            echo(f"warning: {split} has classes without training clouds: {', '.join(unknown)}", err=True)
     with progress_bar(config.epochs, "epochs", "train") as bar:
 
         def progress(epoch: Any) -> None:
@@ -97,21 +99,20 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
 
 def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
-    """Return the clouds of a split of all datasets; DatasetError or ArgumentError where they do not fit together."""
-    return reduce(CloudSet.joined, (load_clouds(folder, split) for folder in folders))
+    """Return a split of all datasets; raises DatasetError or ArgumentError where classes or sizes differ."""
+    return reduce(CloudSet.concatenate, (load_clouds(folder, split) for folder in folders))
 
 
 @click.command(cls=Command)
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
-@click.option("--split", type=Name(SPLITS), default="test", help="Which clouds of DIR.")
-@click.option("--out", type=OutFolder(), help="Folder of the figures.  [default: MODEL]")
-@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
+@click.option("--split", type=Name(SPLITS), default="test", help="Split of DIR to test on.")
+@click.option("--out", type=OutFolder(), help="Folder of the results.  [default: MODEL]")
+@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto: CUDA if available.")
 def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
-    """Test the classifier that `train` left in the folder MODEL on the clouds of DIR, datasets of `generate`.
+    """Test the classifier that `train` wrote to the folder MODEL on the clouds of DIR, datasets of `generate`.
 
-    DIR must have the classes that the classifier was trained on. As many points of each cloud are looked at as in
-    training.
+    DIR must have the classes of the training. The same number of points per cloud is used as in training.
 
     \b
     Writes into --out:
@@ -123,7 +124,7 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
       zbuf-occlude evaluate pointnet clouds --split test
     """
     require_torch()
-    from zbuf_occlude.learn.evaluation import evaluate  # late: these need torch
+    from zbuf_occlude.learn.evaluation import evaluate  # late: imports PyTorch
     from zbuf_occlude.learn.training import load_trained
 
     trained = load_trained(model, device)
@@ -131,15 +132,15 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
     n_points = trained.config.n_points
     if n_points is not None and n_points > test.n_points:
         raise DatasetError(
-            f"the datasets must have clouds of the {n_points} points that the model was trained with, at least; "
-            f"theirs have {test.n_points}. Generate them with --sample-size {n_points}."
+            f"clouds must have at least the {n_points} points that the model was trained with; those of DIR have "
+            f"{test.n_points}. Generate them with --sample-size {n_points}."
         )
     if n_points is not None:
         test = test.select_points(n_points, trained.config.seed)
     if test.classes != trained.classes:
         raise DatasetError(
             f"the datasets must have the classes of the model, {', '.join(trained.classes)}; "
-            f"they have {', '.join(test.classes)}. Choose another model, or train one on them."
+            f"they have {', '.join(test.classes)}. Choose another model, or train one on these datasets."
         )
     evaluation = evaluate(trained.model, test)
     out = model if out is None else out

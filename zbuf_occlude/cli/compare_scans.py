@@ -1,4 +1,4 @@
-"""`zbuf-occlude compare-scans`: real scans of a mesh against what a sensor predicts of them."""
+"""Command `compare-scans`: real scans of a mesh against the scans that a sensor model predicts."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ import click
 from zbuf_occlude.cli.scan_options import CASTING, parse_sensor, sensor_options, vector
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import Command, Name, echo
-from zbuf_occlude.compare.scan_comparison import compare_scans, figure, write_scan_report
+from zbuf_occlude.compare.scan_comparison import compare_scans, format_number, write_scan_report
 from zbuf_occlude.sensors.scanning import look_at
 
 
@@ -19,29 +19,37 @@ from zbuf_occlude.sensors.scanning import look_at
 @click.option(
     "--poses",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Scans to the mesh: .conf, BOP's scene_gt.json, 4 x 4.  [default: one frame]",
+    help="Poses, scan to mesh: .conf, BOP's scene_gt.json, 4 x 4.  [default: identity]",
 )
-@click.option(
-    "--eye", type=vector, metavar="X,Y,Z", help="Where the sensor is, in the scans' frame.  [default: at its origin]"
-)
+@click.option("--eye", type=vector, metavar="X,Y,Z", help="Sensor position in the scans' frame.  [default: origin]")
 @click.option(
     "--look-at",
     "target",
     type=vector,
     metavar="X,Y,Z",
-    help="What the sensor looks at, in the scans' frame; goes with --eye.",
+    help="Target of the sensor in the scans' frame; needs --eye.",
 )
-@click.option("--up-axis", type=vector, metavar="X,Y,Z", help="What is up for the sensor.  [default: 0,0,1]")
-@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="A vertex this near a point is scanned.")
-@click.option("--slack", type=click.FloatRange(0, min_open=True), help="A mesh this far before a point hides it.")
+@click.option("--up-axis", type=vector, metavar="X,Y,Z", help="Up direction of the sensor.  [default: 0,0,1]")
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0, min_open=True),
+    help="A vertex within this distance of a point counts as scanned.",
+)
+@click.option(
+    "--slack",
+    type=click.FloatRange(0, min_open=True),
+    help="A point farther than this behind the mesh counts as hidden.",
+)
 @click.option(
     "--depth-unit",
     type=click.FloatRange(0, min_open=True),
-    help="Metres of one step of a depth image.  [default: 0.001, or what BOP's scene_camera.json says]",
+    help="Metres of one step of a depth image.  [default: 0.001; for BOP, from scene_camera.json]",
 )
-@click.option("--refine", is_flag=True, help="Fit the poses to the mesh first, by Open3D's ICP.")
-@click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of the simulated scans.")
+@click.option("--refine", is_flag=True, help="Fit the poses to the mesh first (ICP by Open3D).")
+@click.option(
+    "--method", type=Name(CASTING), help="Method that casts the rays.  [default: the first that can run here]"
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the simulated scans.")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the report.")
 def compare_scans_command(
     mesh: Path,
@@ -53,13 +61,13 @@ def compare_scans_command(
     target: tuple[float, float, float] | None,
     up_axis: tuple[float, float, float] | None,
     out: Path,
-    **given: Any,
+    **options: Any,
 ) -> None:
-    """Compare real SCANS of MESH with what a sensor predicts of them.
+    """Compare real SCANS of MESH with the scans that a sensor model predicts.
 
-    Scans are PLY, PCD, KITTI's and nuScenes' .bin, .npy, .npz, or depth images (PNG, 16 bits). The report says how many
-    real points the mesh hides, which vertices were scanned and which the sensor should have returned, how far real
-    points are from the mesh, and the density of both. Folders of BOP are read as they are, in millimetres.
+    Scans are PLY, PCD, KITTI's and nuScenes' .bin, .npy, .npz, or depth images (PNG, 16 bits). The report has the real
+    points hidden by the mesh, the vertices scanned and predicted, the distances of real points from the mesh, and the
+    densities of points. BOP's folders (millimetres) are read directly.
 
     \b
     Examples:
@@ -73,11 +81,11 @@ def compare_scans_command(
         raise click.UsageError("--eye and --look-at must go together. Give both.")
     if up_axis is not None and eye is None:
         raise click.UsageError("--up-axis must go with --eye and --look-at. Give them.")
-    made = parse_sensor(sensor, set_sensor)
-    mounted = None if eye is None or target is None else look_at(eye, target, up_axis)
-    found = compare_scans(mesh, scans, made, poses=poses, sensor_pose=mounted, **given)
+    model = parse_sensor(sensor, set_sensor)
+    sensor_pose = None if eye is None or target is None else look_at(eye, target, up_axis)
+    found = compare_scans(mesh, scans, model, poses=poses, sensor_pose=sensor_pose, **options)
     for each in found:
-        agree, hidden = figure(each.agreement, ".1%"), figure(each.false_hidden, ".2%")
+        agree, hidden = format_number(each.agreement, ".1%"), format_number(each.false_hidden, ".2%")
         echo(f"{each.name}: {agree} of the vertices predicted or scanned are both, {hidden} of the real points hidden")
-    written = write_scan_report(out, found, made)
+    written = write_scan_report(out, found, model)
     echo(f"report    {next(path for path in written if path.suffix == '.html')}")

@@ -1,4 +1,4 @@
-"""`zbuf-occlude paper elevation|augmentation|table3|realism`: experiments with classifiers; old name `experiment`."""
+"""Commands `paper elevation|augmentation|table3|realism` (old name `experiment`): experiments with classifiers."""
 
 from pathlib import Path
 from typing import Any
@@ -11,46 +11,46 @@ from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, pr
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
 from zbuf_occlude.paper.real_scans import UPS
-from zbuf_occlude.paper.results import read_results, read_study
-from zbuf_occlude.paper.study_report import answers, write_study
+from zbuf_occlude.paper.results import read_study
+from zbuf_occlude.paper.study_report import tables_of_answers, write_study
 
 BOTH, ALL = "table3", "all"
-"""The paper's experiments together, and what `experiment` called them."""
+"""Name of the paper's experiments together, in `paper` and in `experiment`."""
 UNUSED = {
     ELEVATION: {"scans", "scans_up", "real", "budgets"},
     AUGMENTATION: {"real"},
     BOTH: {"real", "epochs"},
     REALISM: {"scans", "scans_up", "budgets"},
 }
-"""Options that an experiment does not use; the two of `BOTH` differ in epochs."""
+"""Options that an experiment does not use; those of `BOTH` have different epochs."""
 TEXTS = {
     ELEVATION: """Repeat 4.2, Table 3A: accuracy against the camera's elevation.
 
-    VoxNet, PointNet and 3DmFV are trained on clouds seen from some elevations of the camera and tested on others; and
-    why accuracy falls where the camera sees little of an object (Fig. 12).""",
+    VoxNet, PointNet and 3DmFV are trained on clouds from some elevations of the camera and tested on others. The
+    report also has the projected areas of the visible parts (Fig. 12).""",
     AUGMENTATION: """Repeat 4.3 and 4.4, Table 3B: training sets.
 
-    Classifiers are trained on occluded clouds, on complete ones, on both; tested on complete ones, on occluded ones, on
-    real scans. And: does the method of hidden-surface removal matter?""",
-    BOTH: """Repeat Table 3A and 3B: `paper elevation` and `paper augmentation` in one study.""",
-    REALISM: """Ask what a LiDAR, a street and a depth camera do to a classifier; not in the paper.
+    Classifiers are trained on occluded clouds, on complete ones, and on both; they are tested on complete clouds, on
+    occluded ones, and on real scans. Methods of hidden-surface removal are compared by their training clouds.""",
+    BOTH: """Repeat Tables 3A and 3B: `paper elevation` and `paper augmentation` in one study.""",
+    REALISM: """Train and test classifiers on scans by a LiDAR, in streets, and by a depth camera; not in the paper.
 
-    Classifiers are trained on uniform occluded clouds, on a LiDAR's scans of single objects and in streets, and on
-    scans by the two eyes of a depth camera; each is tested on all four, and on real objects.""",
+    Classifiers are trained on uniform occluded clouds, on LiDAR scans of single objects, on LiDAR scans in streets, or
+    on scans by a depth camera with two eyes. Each is tested on all four kinds, and on real objects.""",
 }
 TEXT = """
 
     \b
     Writes into --out:
-      study.html, study.md   the answers, tables beside the paper's, plots
+      study.html, study.md   tables beside the paper's, plots
       *.png                  the plots
-      results/*.json         one file a classifier: how it labelled each test set, how it was trained
+      results/*.json         one file per classifier: confusion matrices of its tests, its training
       classifiers/           the trained models, for `zbuf-occlude evaluate`
-      clouds/                the datasets, as of `zbuf-occlude generate`
+      clouds/                the datasets, as `zbuf-occlude generate` writes them
 
-    The same command again does only what is missing; also after a kill, after another experiment in the same folder, or
-    with scans or a budget given for the first time. Without a GPU take --quick; --models to --epochs change one thing
-    of it, or of the full size. Exit code 3: done, but some meshes failed (they are named).
+    The same command again makes only missing results: after an interruption, after another experiment in the same
+    folder, or with new scans or a new budget. Without a GPU use --quick; --models to --epochs change single values of
+    it or of the full size. Exit code 3: done, but some meshes failed (they are listed).
 
     \b
     Examples:
@@ -76,7 +76,7 @@ TEXT = """
     "scans",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help="Sydney Urban Objects, unpacked: Test 3, on real scans.",
+    help="Sydney Urban Objects, unpacked, for Test 3 on real scans.",
 )
 @click.option(
     "--sydney-up", "scans_up", type=Name(UPS), help="Up direction of the scans.  [default: found from the scans]"
@@ -85,32 +85,35 @@ TEXT = """
     "--real",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Labelled sweeps of real drives, of KITTI or Argoverse 2: one more test.",
+    help="Labelled sweeps of real drives (KITTI, Argoverse 2) for one more test.",
 )
-@click.option("--voxels", type=int, metavar="N", help="Take each object as the surface of N^3 voxels; 30 is usual.")
+@click.option("--voxels", type=int, metavar="N", help="Replace each object by the surface of N^3 voxels; 30 is usual.")
 @click.option(
     "--budget",
     "budgets",
     type=Name(list(BUDGETS)),
     multiple=True,
-    help=f"Training of 4.3: as many clouds each, or each cloud as often; repeatable.  [default: {CLOUDS}]",
+    help=f"Budget of trainings of 4.3: equal clouds shown, or equal epochs; repeatable.  [default: {CLOUDS}]",
 )
-@click.option("--models", metavar="NAME,...", help=f"Of {', '.join(model.name for model in MODELS)}.")
-@click.option("--seeds", type=click.IntRange(1), metavar="N", help="Train each classifier with the seeds 0 to N - 1.")
+@click.option("--models", metavar="NAME,...", help=f"Models: {', '.join(model.name for model in MODELS)}.")
+@click.option("--seeds", type=click.IntRange(1), metavar="N", help="Train each classifier with seeds 0 to N - 1.")
 @click.option(
-    "--objects", type=int, metavar="N", help="Objects of each class to train; in 4.3 also 1/4 to validate, 5/8 to test."
+    "--objects",
+    type=int,
+    metavar="N",
+    help="Training objects per class; in 4.3 also 1/4 for validation and 5/8 for the test.",
 )
-@click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes all of several, 4.2 the last.")
+@click.option("--points", metavar="N[,N]", help="Points per cloud; of several numbers, 4.3 uses all and 4.2 the last.")
 @click.option(
     "--epochs",
     type=click.IntRange(1),
     metavar="N",
-    help="Epochs at most; under --budget clouds of the classifier with the fewest clouds.",
+    help="Maximum epochs; under --budget clouds, for the classifier with the fewest clouds.",
 )
 def experiment_command(name: str, **options: Any) -> None:
-    """Repeat the paper's experiments with classifiers; now `zbuf-occlude paper NAME` (`table3` for `all`).
+    """Repeat the paper's experiments with classifiers; replaced by `zbuf-occlude paper NAME` (`table3` for `all`).
 
-    `zbuf-occlude paper NAME --help` says what an experiment does and writes.
+    `zbuf-occlude paper NAME --help` describes an experiment and its files.
     """
     new = BOTH if name == ALL else name
     replaced(f"experiment {name}", f"paper {new}")
@@ -119,7 +122,7 @@ def experiment_command(name: str, **options: Any) -> None:
 
 
 def experiment_named(name: str) -> click.Command:
-    """Return the command of an experiment."""
+    """Return the command that runs an experiment."""
     options = {str(parameter.name) for parameter in experiment_command.params} - {"name"} - UNUSED[name]
     return derived(experiment_command, name, options, run_experiment, TEXTS[name] + TEXT)
 
@@ -138,9 +141,9 @@ def run_experiment(
     budgets: tuple[str, ...] = (),
     **options: Any,
 ) -> None:
-    """Run an experiment, write its report, and print its answers."""
+    """Run an experiment, write its report, and print its main tables."""
     if scans_up is not None and scans is None:
-        raise click.UsageError("--sydney-up must go with --sydney, whose scans it is about.")
+        raise click.UsageError("--sydney-up must go with --sydney.")
     try:
         numbers = None if points is None else [int(each) for each in points.split(",")]
     except ValueError:
@@ -158,8 +161,8 @@ def run_experiment(
     finally:
         bars.close()
     written = write_study(out)
-    for sentence in answers(read_results(out)):
-        echo(sentence.replace("`", "").replace("**", ""))
+    for table in tables_of_answers(out):
+        echo(table.as_markdown(aligned=True))
     echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
     if failed := read_study(out)["failed_meshes"]:
         head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
@@ -168,24 +171,24 @@ def run_experiment(
 
 
 class Bars(Progress):
-    """Progress as two bars on stderr, one after the other: clouds, then classifiers."""
+    """Two progress bars on stderr: first of clouds, then of classifiers."""
 
     def __init__(self) -> None:
         self._bar: Any = None
         self._n_trials = 0
         self._shares: dict[str, float] = {}
 
-    def plan(self, n_clouds: int, n_trials: int) -> None:
-        """Begin the bar of the clouds."""
+    def set_totals(self, n_clouds: int, n_trials: int) -> None:
+        """Begin the bar of clouds."""
         self._n_trials = n_trials
         self._bar = progress_bar(n_clouds, "clouds", "clouds")
 
-    def clouds(self, n: int) -> None:
-        """Move the bar of the clouds."""
+    def add_clouds(self, n: int) -> None:
+        """Advance the bar of clouds."""
         self._bar.update(n)
 
-    def trial(self, key: str, share: float) -> None:
-        """Move the bar of the classifiers, which is begun by the first."""
+    def update_trial(self, key: str, share: float) -> None:
+        """Advance the bar of classifiers, which the first call begins."""
         if self._n_trials:
             self._bar.close()
             self._bar = progress_bar(self._n_trials, "classifiers", "classifiers", bar_format=_FORMAT)
@@ -195,7 +198,7 @@ class Bars(Progress):
         self._shares[key] = share
 
     def close(self) -> None:
-        """End the bar."""
+        """Close the bar."""
         if self._bar is not None:
             self._bar.close()
 

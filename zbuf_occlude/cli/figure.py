@@ -1,4 +1,4 @@
-"""`zbuf-occlude paper figN`: a figure of the paper, of any mesh, as a PNG; `zbuf-occlude figure` is its old name."""
+"""Commands `paper figN` (old name `figure`): a figure of the paper, of any mesh, as PNG."""
 
 from pathlib import Path
 from typing import Any
@@ -23,36 +23,40 @@ WITH_SCAN = "fig7"
 @click.command(cls=Command)
 @click.argument("name", type=Name(list(FIGURES)))
 @click.argument("mesh_file", type=MeshPlace(), required=False, metavar="[MESH]")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="The PNG.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Output file, PNG.")
 @method_options("exact")
 @click.option(
     "--sydney",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help=f"Sydney Urban Objects, unpacked: {WITH_SCAN} then shows its largest car.",
+    help=f"Sydney Urban Objects, unpacked; {WITH_SCAN} then shows its largest car.",
 )
 @click.option(
     "--distance",
     type=click.FloatRange(0, min_open=True),
     default=PAPER_DISTANCE,
-    help="Of the cameras from the centre, in longest sides.",
+    help="Distance of the cameras from the centre, in longest sides.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @up_option
 def figure_command(name: str, **options: Any) -> None:
-    """Draw a figure of the paper, of MESH or of a built-in shape; now `zbuf-occlude paper NAME`."""
+    """Draw a figure of the paper, of MESH or a built-in shape; replaced by `zbuf-occlude paper NAME`."""
     replaced(f"figure {name}", f"paper {name}")
     refuse_unused(name, unused(name))
     draw_figure(name, **options)
 
 
 def figure_named(name: str) -> click.Command:
-    """Return the command of a figure."""
+    """Return the command that draws a figure."""
     options = {str(parameter.name) for parameter in figure_command.params} - {"name"} - unused(name)
     figure = FIGURES[name]
     text = f"Draw the paper's Fig. {name[3:]}: {figure.summary}."
     return derived(
-        figure_command, name, options, draw_figure, text + (" Of MESH or of a built-in shape." if figure.kind else "")
+        figure_command,
+        name,
+        options,
+        draw_figure,
+        text + (" The object is MESH or a built-in shape." if figure.kind else ""),
     )
 
 

@@ -1,4 +1,4 @@
-"""In what frame files were read, in words: the axis taken as up, the unit, a warning where meshes lie on their side."""
+"""Messages on the frame of files that were read: up axis, unit, and a warning where meshes lie on their side."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +13,9 @@ from zbuf_occlude.sensors.setup import ScanConfig
 
 
 def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, lengths: str = "") -> str:
-    """Say which axis of the files of some meshes was taken as up, and which unit; "" where none is of a file.
+    """Return a text on the up axis and the unit of the files of some meshes; "" where none is of a file.
 
-    `lengths` says how long meshes are, where that is not by their files.
+    `lengths` is the text on lengths where they do not follow from the files.
     """
     axes = {entry.up for entry in entries if entry.path is not None}
     if not axes:
@@ -31,7 +31,7 @@ def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, len
 
 
 def lengths_of(setup: ScanConfig | None, unit: str | None) -> str:
-    """Say how long meshes are for a sensor, where that is not by a unit that was given; "" without a sensor."""
+    """Return a text on the lengths of meshes for a sensor; "" without a sensor or with a unit."""
     if setup is None or unit is not None:
         return ""
     if setup.size == FILE:
@@ -39,8 +39,8 @@ def lengths_of(setup: ScanConfig | None, unit: str | None) -> str:
     return "metres by --size or class (else give --unit)"
 
 
-def say_frame(path: Path, mesh: Mesh, up: str | None, unit: str | None) -> None:
-    """Print in what frame one file was read, how long its mesh is; warn where that seems to lie on its side."""
+def print_frame(path: Path, mesh: Mesh, up: str | None, unit: str | None) -> None:
+    """Print the frame of a file and the length of its mesh; warn where the mesh seems to lie on its side."""
     assumed = up is None and default_up(path) == "z"
     axis = "z up, assumed (else give --up y)" if assumed else f"{up or 'y'} up"
     length = f"{mesh.longest_side:.4g}" + (f" m long, as it is in {unit}" if unit else " long, in its own unit")
@@ -50,17 +50,17 @@ def say_frame(path: Path, mesh: Mesh, up: str | None, unit: str | None) -> None:
 
 
 def warn_of_lying(entries: Sequence[MeshEntry], up: str | None) -> None:
-    """Warn where most meshes lie on their side by where they touch the ground, and nobody said which axis is up."""
+    """Warn where most meshes seem to lie on their side and no up axis was given."""
     assumed = [entry for entry in entries if entry.path is not None and entry.up == "z"]
     if up is None and assumed and (found := stances(assumed)).lie:
         _warn(found)
 
 
 def _warn(found: Stances) -> None:
-    """Warn of what was found."""
+    """Print the warning of meshes that seem to lie on their side."""
     if found.n == 1:
         said = "the mesh seems to lie on its side: it stands on its y axis"
     else:
-        said = f"most meshes seem to lie on their side: of {found.n} looked at, {found.on_y} stand on their y axis, "
+        said = f"most meshes seem to lie on their side: of {found.n} checked, {found.on_y} stand on their y axis, "
         said += f"{found.on_z} on z"
     echo(f"warning: {said}. Give --up y; or --up z where z is up.", err=True)

@@ -1,4 +1,4 @@
-"""What there is, and what works on this machine: `zbuf-occlude methods`, `sensors` and `doctor`."""
+"""Commands `methods`, `sensors` and `doctor`: tables of methods and sensors, and a check of this machine."""
 
 import json
 import os
@@ -24,7 +24,7 @@ from zbuf_occlude.visibility.interface import Method
 
 
 @click.command(cls=Command)
-@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def methods_command(as_json: bool) -> None:
     """List the methods of hidden-surface removal.
 
@@ -62,17 +62,17 @@ def methods_command(as_json: bool) -> None:
 
 
 MOST_SHOWN = 8
-"""Of a number that is a list, this many entries are printed."""
+"""Maximum entries printed of a list of numbers."""
 
 
 @click.command(cls=Command)
 @click.argument("name", required=False)
-@click.option("--picture", type=click.Path(path_type=Path), help="Where the rays go, as a PNG; needs NAME.")
-@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Plot of the rays as PNG; needs NAME.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def sensors_command(name: str | None, picture: Path | None, as_json: bool) -> None:
-    """List the sensors, or show all numbers of one, each with where it is from.
+    """List the sensors, or show all parameters of one with their sources.
 
-    NAME is one of the list, a YAML or CSV file of your own (docs/sensors.md says how), or a name with numbers, such as
+    NAME is one of the list, a YAML or CSV file of your own (see docs/sensors.md), or a name with parameters, such as
     pinhole:width=320,height=240,fov=60.
 
     \b
@@ -81,7 +81,7 @@ def sensors_command(name: str | None, picture: Path | None, as_json: bool) -> No
       zbuf-occlude sensors vlp-32c --picture vlp-32c.png
     """
     if picture is not None and name is None:
-        raise click.UsageError("--picture shows one sensor's rays; name the sensor.")
+        raise click.UsageError("--picture needs NAME, the sensor whose rays it shows.")
     if picture is not None:
         suffix_of(picture, (".png",))
     table = list(sensors.SENSORS.values()) if name is None else [sensors.make(name)]
@@ -91,9 +91,9 @@ def sensors_command(name: str | None, picture: Path | None, as_json: bool) -> No
         for sensor in table:
             echo(f"{sensor.name:20} {sensor.kind:9} {sensor.summary}")
     else:
-        echo("\n".join(_described(table[0])))
+        echo("\n".join(_sensor_lines(table[0])))
     if picture is not None:
-        _draw(table[0], picture)
+        _plot_rays(table[0], picture)
         echo(f"its {len(table[0].rays()):,} rays: {picture}")
 
 
@@ -104,7 +104,7 @@ def _document(sensor: Sensor) -> dict[str, Any]:
     return {"name": sensor.name, "kind": sensor.kind, "summary": sensor.summary, "numbers": numbers}
 
 
-def _described(sensor: Sensor) -> list[str]:
+def _sensor_lines(sensor: Sensor) -> list[str]:
     rays = sensor.rays()
     elevations = np.degrees(np.arcsin(rays.directions[:, 2]))
     lines = [
@@ -113,18 +113,18 @@ def _described(sensor: Sensor) -> list[str]:
     ]
     for name, value in sensor.numbers().items():
         source = sensor.sources.get(name, "")
-        lines.append(f"  {name} = {_short(value)}" + (f"    [{source}]" if source else ""))
+        lines.append(f"  {name} = {_format_value(value)}" + (f"    [{source}]" if source else ""))
     return lines
 
 
-def _short(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, list):
-        shown = ", ".join(map(_short, value[:MOST_SHOWN]))
+        shown = ", ".join(map(_format_value, value[:MOST_SHOWN]))
         return f"[{shown}, ... {len(value)} in all]" if len(value) > MOST_SHOWN else f"[{shown}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _draw(sensor: Sensor, path: Path) -> None:
+def _plot_rays(sensor: Sensor, path: Path) -> None:
     from zbuf_occlude.drawing.pictures import blank_figure
 
     rays = sensor.rays()
@@ -142,28 +142,30 @@ def _draw(sensor: Sensor, path: Path) -> None:
         )
         axes.set_xlabel("azimuth, degrees")
         axes.set_ylabel("elevation, degrees")
-        axes.invert_xaxis()  # as one looks out of the sensor
+        axes.invert_xaxis()  # as seen from the sensor
     whole.set_title(f"{sensor.name}: {len(rays):,} rays, coloured by ring", fontsize=10)
-    near.set_title("six degrees of it", fontsize=10)
+    near.set_title("the middle six degrees", fontsize=10)
     near.set_aspect("equal")
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
 
 @click.command(cls=Command)
-@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor_command(as_json: bool) -> None:
-    """Say which OpenGL backends work, on which renderer, and which methods can run.
+    """Report which OpenGL backends work, their renderers, and which methods can run.
 
-    Every backend, and every package that a method needs, is tried in a process of its own. Without ZBUF_OCCLUDE_GL
-    (egl, osmesa, or egl:INDEX) the first backend that works is taken. Exit code 0 when `generate` can run, by
-    depth_buffer or else by exact, which needs no OpenGL; 1 when not.
+    Every backend, and every package that a method needs, is tried in a separate process. ZBUF_OCCLUDE_GL (egl, osmesa,
+    or egl:INDEX) selects a backend; without it the first one that works is used. The exit code is 0 where `generate`
+    can run, by depth_buffer or by exact (which needs no OpenGL), else 1.
     """
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
-    works = any(probe.works for probe in probes if serves(probe, named))
+    works = any(probe.works for probe in probes if is_selected(probe, named))
     no_gl = "" if works else "needs OpenGL; see above"
     compiled = tried("numba", "zbuf_occlude.exact.bvh")
-    methods = {method.name: why_lacking(method) or (no_gl if method.needs_gl else "") or compiled for method in METHODS}
+    methods = {
+        method.name: reason_missing(method) or (no_gl if method.needs_gl else "") or compiled for method in METHODS
+    }
     able = next((name for name in ("depth_buffer", "exact") if not methods[name]), "")
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
@@ -180,27 +182,27 @@ def doctor_command(as_json: bool) -> None:
         echo(f"generate {verdict}")
         if able == "exact":
             echo(
-                "  exact is complete: none is more exact, and without a GPU none is faster. The depth buffer is the "
-                f"paper's own way, and is for a GPU; on Debian: {FIXES['egl']}"
+                "  exact is complete: no method is more exact, and without a GPU none is faster. depth_buffer is meant "
+                f"for a GPU; on Debian: {FIXES['egl']}"
             )
     if not able:
         raise SystemExit(1)
 
 
-def serves(probe: Probe, named: str) -> bool:
-    """Whether a probe is of the backend that the environment names, if it names one."""
+def is_selected(probe: Probe, named: str) -> bool:
+    """Return whether a probe is of the backend that the environment names; True where it names none."""
     backend, _, index = named.partition(":")
     return not named or (probe.backend == backend and index in ("", str(probe.device_index)))
 
 
-def why_lacking(method: Method) -> str:
-    """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
+def reason_missing(method: Method) -> str:
+    """Return the reason why a method cannot run here, or ""; its package is imported in a separate process."""
     module, _, _ = method.factory.partition(":")
     return method.missing() or (tried(method.requires, module) if method.requires else "")
 
 
 def backend_lines(probe: Probe) -> list[str]:
-    """Say what is known of one backend, a line for each fact."""
+    """Return the lines of the report on one backend."""
     place = probe.backend if probe.device_index is None else f"{probe.backend}, device {probe.device_index}"
     if not probe.works:
         lines = [f"  {place}: does not work: {probe.reason}"]

@@ -1,4 +1,4 @@
-"""What cameras have of one mesh: `zbuf-occlude visible`, a cloud; `depth`, a depth buffer; `views`, their list."""
+"""Commands `visible` (cloud seen by a camera), `depth` (depth buffer) and `views` (list of cameras) of one mesh."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.cli.file_frames import say_frame
+from zbuf_occlude.cli.file_frames import print_frame
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -26,7 +26,7 @@ from zbuf_occlude.cli.shared_options import (
     suffix_of,
     with_option,
 )
-from zbuf_occlude.cli.shell import Command, echo, on
+from zbuf_occlude.cli.shell import Command, echo, on_renderer
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_csv, write_ply
@@ -44,28 +44,31 @@ from zbuf_occlude.visible_surface import coverage as measure_coverage
 
 PIXELS = click.IntRange(1, 8192)
 MESHES = (".obj", ".off")
-"""Endings of `--out` that hold faces."""
+"""Suffixes of `--out` for meshes."""
 
 
-def scans_now(context: click.Context, parameter: click.Parameter, value: Any) -> None:
-    """Refuse an option that scan has."""
+def refuse_sensor(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+    """Raise UsageError for an option that only `scan` has."""
     if value:
-        raise click.UsageError(f"{parameter.opts[0]} is of `zbuf-occlude scan`, which takes --unit of the file.")
+        raise click.UsageError(f"{parameter.opts[0]} is an option of `zbuf-occlude scan`.")
 
 
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @camera_options
 @method_options()
-@click.option("--sensor", hidden=True, expose_value=False, callback=scans_now)
-@click.option("--set-sensor", hidden=True, expose_value=False, callback=scans_now)
-@click.option("--points", type=click.IntRange(1), default=50_000, help="Points sampled.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
-@with_option("Attributes of the points: normals towards the camera, base colours.")
-@click.option("--union", is_flag=True, help="What any of the cameras of --cameras sees.")
+@click.option("--sensor", hidden=True, expose_value=False, callback=refuse_sensor)
+@click.option("--set-sensor", hidden=True, expose_value=False, callback=refuse_sensor)
+@click.option("--points", type=click.IntRange(1), default=50_000, help="Number of points sampled.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
+@with_option("Attributes of the points: normals (towards the camera), colors.")
+@click.option("--union", is_flag=True, help="Union of what the cameras of --cameras see.")
 @frame_options
 @click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Output file: cloud.ply, .npy, .csv, or partial.obj, .off",
 )
 @click.pass_context
 def visible_command(
@@ -83,12 +86,12 @@ def visible_command(
     unit: str | None,
     out: Path,
 ) -> None:
-    """Write the occluded cloud that one camera sees of MESH, in the mesh's own coordinates.
+    """Write the occluded cloud that one camera sees of MESH, in the coordinates of MESH.
 
-    PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
-    hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
-    OBJ and OFF hold the visible part of the mesh, cut exactly along the edges of the shadows.
-    `zbuf-occlude scan` has the points of a LiDAR or depth camera.
+    PLY holds positions and normals (towards the camera); .npy and .csv hold positions. With --method
+    hidden_point_removal, MESH may be a point cloud (PLY without faces, .npy or .csv), whose points are then tested.
+    OBJ and OFF hold the visible part of the mesh, cut exactly along the shadow boundaries.
+    `zbuf-occlude scan` writes the points of a LiDAR or depth camera.
 
     \b
     Examples:
@@ -108,38 +111,37 @@ def visible_command(
     method = choice.method
     options = parse_settings(method, settings)
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
-    asked: Mesh | SurfacePoints
-    if positions is not None:
+    if positions is None:
+        with Limits().watch():
+            loaded = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
+        subject: Mesh | SurfacePoints = loaded
+        samples = sample_surface(loaded, n_points=points, seed=seed)
+    else:
         if idle := explicitly_set(context, ("points", "seed", "up", "unit", "attributes")):
             raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
-        box, asked = box_around(positions), SurfacePoints.free(positions)
-        samples = asked
-    else:
-        with Limits().watch():
-            asked = box = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
-        samples = sample_surface(asked, n_points=points, seed=seed)
-    view = camera(box)
-    eyes = view.eyes
-    warn_inside(box, eyes)
-    if positions is None and "contact" not in options:
-        warn_of_far_faces(box)
-    with prepare(asked, method, **options) as occluder:
+        loaded = box_around(positions)
+        subject = samples = SurfacePoints.free(positions)
+    view = camera(loaded)
+    warn_inside(loaded, view.eyes)
+    if subject is loaded and "contact" not in options:
+        warn_of_far_faces(loaded)
+    with prepare(subject, method, **options) as occluder:
         occluder.warns = False
-        seen = occluder.visible(samples, eyes) & view.in_frustum(samples.positions)
+        seen = occluder.visible(samples, view.eyes) & view.in_frustum(samples.positions)
         renderer = occluder.renderer
-    cloud, by = samples.select(seen.any(axis=0)), eyes[seen.argmax(axis=0)[seen.any(axis=0)]]
-    normals = cloud.normals_towards(by) if positions is None else None
+    by_any = seen.any(axis=0)
+    cloud = samples.select(by_any)
+    normals = cloud.normals_towards(view.eyes[seen.argmax(axis=0)[by_any]]) if subject is loaded else None
     _write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
-    if isinstance(asked, Mesh) and asked.colors is not None and not asked.colors.is_whole:
-        lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
-        echo(f"warning: {mesh} {lacking}", err=True)
-    why = f", because {choice.reason}" if choice.reason else ""
+    if subject is loaded:
+        warn_of_missing_colors(mesh, loaded)
     if not len(cloud):
         echo("warning: the camera sees no point. Raise --fov or --points, or turn it by --look-at.", err=True)
-    n_cameras = f" to any of {len(eyes)} cameras" if union else ""
-    echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on(renderer)}: {out}{why}")
-    if isinstance(asked, Mesh):
-        say_frame(mesh, asked, up, unit)
+    why = f", because {choice.reason}" if choice.reason else ""
+    n_cameras = f" to any of {len(view)} cameras" if union else ""
+    echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on_renderer(renderer)}: {out}{why}")
+    if subject is loaded:
+        print_frame(mesh, loaded, up, unit)
 
 
 def write_part(
@@ -149,41 +151,48 @@ def write_part(
     frame: tuple[str | None, str | None],
     out: Path,
 ) -> None:
-    """Write the part of a mesh that a camera sees, as a mesh; `frame` has its axis and unit."""
+    """Write the part of a mesh that a camera sees, as a mesh; `frame` is its up axis and unit."""
     if idle := explicitly_set(context, ("points", "seed", "attributes", "fov", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
     if explicitly_set(context, ("method",)) and context.params["method"] != "exact":
-        raise click.UsageError(f"--method must be exact, by which a mesh is cut; got {context.params['method']}.")
+        raise click.UsageError(f"--method must be exact to write a mesh; got {context.params['method']}.")
     with Limits().watch(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
+        warnings.simplefilter("ignore", UserWarning)  # eyes inside the box are warned of below
         mesh = load_mesh(path, up=frame[0], unit=frame[1])
         views = camera(mesh)
         warn_inside(mesh, views.eyes)
         warn_of_far_faces(mesh)
         warn_of_lenses(views)
         part = visible_mesh(mesh, views.eyes)
-    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # small meshes: small numbers
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # all digits of a float64
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")
-    say_frame(path, mesh, *frame)
+    print_frame(path, mesh, *frame)
+
+
+def warn_of_missing_colors(path: Path, mesh: Mesh) -> None:
+    """Warn where colours were read and some faces have none."""
+    if mesh.colors is not None and not mesh.colors.is_whole:
+        reason = "; ".join(mesh.colors.lacking) or "has no colours, or not for all faces; there points are grey"
+        echo(f"warning: {path} {reason}", err=True)
 
 
 def warn_of_lenses(views: Views) -> None:
-    """Warn where cameras have a lens, which meshes and coverage leave out."""
+    """Warn that meshes and coverage ignore directions and fields of view of cameras."""
     if views.windows is not None:
-        echo("warning: only where cameras stand counts here, not where they look or their field of view.", err=True)
+        echo("warning: only positions of cameras count here, not their directions or fields of view.", err=True)
 
 
 def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
-    """Warn of a camera inside the bounding box."""
+    """Warn of cameras inside the bounding box."""
     if mesh.in_box(eyes).any():
-        cure = "Raise --distance, or place the cameras of --cameras in its unit."
+        cure = "Raise --distance, or give the cameras of --cameras in the mesh's unit."
         echo(f"warning: the camera is inside the mesh's bounding box. {cure}", err=True)
 
 
 def warn_of_far_faces(mesh: Mesh) -> None:
-    """Warn of faces so far away that the contact tolerance is large for all others."""
+    """Warn of faces so far away that the contact tolerance is too large for all others."""
     if far := far_faces(mesh):
         echo(f"warning: {far.said(mesh)}. {cure_of(far, mesh)}", err=True)
 
@@ -195,13 +204,13 @@ def _write_cloud(
     colors: NDArray[np.uint8] | None,
     attributes: Sequence[str],
 ) -> None:
-    """Write a cloud as its file's ending says."""
+    """Write a cloud in the format of the file's suffix."""
     if out.suffix.lower() == ".ply":
         write_ply(out, positions, normals, colors)
         return
     normals, colors = normals if "normals" in attributes else None, colors if "colors" in attributes else None
     if out.suffix.lower() == ".npy":
-        table = np.concatenate([positions, *(each for each in (normals, colors) if each is not None)], axis=1)
+        table = np.concatenate([positions, *(column for column in (normals, colors) if column is not None)], axis=1)
         atomic.write(out, lambda file: np.save(file, table))
     else:
         write_csv(out, columns_of(positions, normals, colors))
@@ -210,10 +219,10 @@ def _write_cloud(
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @camera_options
-@click.option("--resolution", type=PIXELS, default=512, help="Pixels along a side.")
-@click.option("--size", type=PIXELS, hidden=True)  # its name before; elsewhere it is metres
+@click.option("--resolution", type=PIXELS, default=512, help="Pixels along a side of the image.")
+@click.option("--size", type=PIXELS, hidden=True)  # older name of --resolution
 @frame_options
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Output file: depth.png, .npy or .exr")
 def depth_command(
     mesh: Path,
     camera: Callable[[Mesh], Views],
@@ -223,17 +232,17 @@ def depth_command(
     unit: str | None,
     out: Path,
 ) -> None:
-    """Write the depth buffer that one camera has of MESH.
+    """Write the depth buffer of MESH as seen by one camera.
 
-    .npy and .exr (channel Z) hold eye depth, the distance along the camera's axis in the mesh's own units, infinite
-    where nothing is; the first row is the highest. .png is to look at: 16 bits, the nearest white, the farthest dark
-    grey, nothing black.
+    .npy and .exr (channel Z) hold eye depth: the distance along the camera's axis in the unit of MESH, infinite in the
+    background; the first row is the top. .png is for viewing: 16 bits, nearest white, farthest dark grey, background
+    black.
 
     \b
     Example:
       zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
     """
-    from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
+    from zbuf_occlude.gl.context import GlContext  # late: only this command needs GL
     from zbuf_occlude.gl.depth_pass import render_depth
 
     size = size or resolution
@@ -250,11 +259,11 @@ def depth_command(
     seen = np.isfinite(depths)
     span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
     echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
-    say_frame(mesh, loaded, up, unit)
+    print_frame(mesh, loaded, up, unit)
 
 
 def write_png(path: Path, depths: FloatArray) -> None:
-    """Write 16-bit grey: near is white, far dark grey, nothing black."""
+    """Write a 16-bit grey image: near white, far dark grey, background black."""
     from PIL import Image
 
     seen = np.isfinite(depths)
@@ -266,34 +275,36 @@ def write_png(path: Path, depths: FloatArray) -> None:
 
 
 def write_exr(path: Path, depths: FloatArray) -> None:
-    """Write one float channel, Z, as compositing programs expect depth."""
+    """Write an EXR with one float channel Z, as compositing programs expect depth."""
     import OpenEXR
 
-    header, wanted = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, depths.astype(np.float32)
+    header, pixels = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, depths.astype(np.float32)
 
-    def fill(file: IO[bytes]) -> None:
+    def write_and_check(file: IO[bytes]) -> None:
         try:
-            with OpenEXR.File(header, {"Z": wanted}) as picture:
+            with OpenEXR.File(header, {"Z": pixels}) as picture:
                 picture.write(file.name)
-            with OpenEXR.File(file.name) as picture:  # what the disk had no room for when it was closed goes unsaid
-                whole = np.array_equal(picture.channels()["Z"].pixels, wanted)
+            with OpenEXR.File(file.name) as picture:  # OpenEXR does not report a full disk on closing
+                whole = np.array_equal(picture.channels()["Z"].pixels, pixels)
         except RuntimeError:
             whole = False
         if not whole:
-            raise OSError  # without a number, as NumPy's
+            raise OSError  # without errno, as NumPy raises it
 
-    atomic.write(path, fill)
+    atomic.write(path, write_and_check)
 
 
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @click.option("--views", default="paper100", help=VIEWS)
 @distance_option
-@click.option("--coverage", is_flag=True, help="Measure how much of the surface the views see.")
-@click.option("--points", type=click.IntRange(1), default=20_000, help="Points sampled.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
+@click.option("--coverage", is_flag=True, help="Measure the fraction of the surface that the views see.")
+@click.option("--points", type=click.IntRange(1), default=20_000, help="Number of points sampled.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @frame_options
-@click.option("--out", type=click.Path(path_type=Path), help="views.csv, or coverage.png: a picture of the shares.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Output file: views.csv, or coverage.png, a plot of the coverage."
+)
 def views_command(
     mesh: Path,
     views: str,
@@ -305,10 +316,10 @@ def views_command(
     unit: str | None,
     out: Path | None,
 ) -> None:
-    """List the views of MESH, and with --coverage how much of the surface each sees.
+    """List the views of MESH, and with --coverage the fraction of the surface that each sees.
 
-    "together" is the share that this view and those above it see: the coverage of a rig. The method is exact; the error
-    is that of the sampling, at most 0.4 % of the surface for 20,000 points.
+    "together" is the fraction that this view and those above it see: the coverage of a rig. Visibility is exact; the
+    sampling error is at most 0.4 % of the surface for 20,000 points.
 
     \b
     Examples:
@@ -317,19 +328,19 @@ def views_command(
     """
     suffix = None if out is None else suffix_of(out, (".csv", ".png"))
     if suffix == ".png" and not coverage:
-        raise click.UsageError("--out .png is a picture of the coverage; give --coverage.")
+        raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
     with Limits().watch():
         loaded = load_mesh(mesh, up=up, unit=unit)
     about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
     if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
-        raise click.UsageError("--out .csv holds views that look at the mesh, upright; these are turned. Use --views.")
+        raise click.UsageError("--out .csv cannot hold cameras that are rolled or look past the mesh. Use --views.")
     columns = {"azimuth": np.degrees(about.azimuth), "elevation": np.degrees(about.elevation)}
     columns["distance"] = about.distance / loaded.longest_side
     warn_inside(loaded, about.eyes)
     if coverage:
         warn_of_lenses(about)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said above
+            warnings.simplefilter("ignore", UserWarning)  # eyes inside the box are warned of above
             found = measure_coverage(loaded, about.eyes, n_points=points, seed=seed)
         columns |= {"alone": found.alone, "together": found.together}
     table = np.stack(list(columns.values()), axis=1)
@@ -343,12 +354,12 @@ def views_command(
         for number, row in enumerate(table):
             echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
     seen = f", {found.together[-1]:.1%} of the surface seen by any" if coverage else ""
-    say_frame(mesh, loaded, up, unit)  # the views' own sum stays last
+    print_frame(mesh, loaded, up, unit)  # the sum over the views stays the last line
     echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
 
 
 def draw_coverage(path: Path, found: Coverage) -> None:
-    """Write a PNG: of each view the share of the surface that it sees, and that it and those before it see."""
+    """Plot the fraction of the surface that each view sees, alone and with those before it; write a PNG."""
     from zbuf_occlude.drawing.pictures import COLOUR, canvas
 
     figure, (axes,) = canvas(8.0, 4.2)

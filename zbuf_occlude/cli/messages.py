@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.cli.shared_options import nearest
-from zbuf_occlude.cli.shell import counted, on
+from zbuf_occlude.cli.shell import counted, on_renderer
 from zbuf_occlude.dataset.counts import CONFIDENCE, FEW
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, contains_plan, removable
 from zbuf_occlude.dataset.formats import Format
@@ -133,7 +133,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
     lines = [
         f"{counted(n_kept, 'cloud')}{left_out if n_kept < counts['clouds'] else ''} of "
         f"{counted(n_used, 'mesh', 'meshes')}, "
-        f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on(document['renderer'])}",
+        f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on_renderer(document['renderer'])}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         format_error_rates(error, options["complete"]),

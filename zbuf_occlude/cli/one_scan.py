@@ -1,4 +1,4 @@
-"""`zbuf-occlude scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and its picture."""
+"""Command `scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and a plot of it."""
 
 from pathlib import Path
 from typing import Any
@@ -38,12 +38,16 @@ from zbuf_occlude.views import from_angles
 @click.command(cls=Command)
 @click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
 @scan_options("vlp-32c")
-@angle_options("Degrees above the xy plane, where no ground is.")
-@click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
+@angle_options("Degrees above the xy plane; for scenes without a ground.")
+@click.option(
+    "--method", type=Name(CASTING), help="Method that casts the rays.  [default: the first that can run here]"
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Plot of range image and cloud, as PNG.")
 @frame_options
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Output file: scan.ply, .npz, .pcd, .npy or .csv"
+)
 def scan_command(
     meshes: tuple[Path, ...],
     azimuth: float,
@@ -56,12 +60,12 @@ def scan_command(
     out: Path,
     **options: Any,
 ) -> None:
-    """Scan the first of MESHES; the others, or else built-in ones, are what scenes are filled with.
+    """Scan the first of MESHES; the others, or the built-in shapes, fill the scene.
 
-    Points are metres, the middle of the object's box at the origin, z up. A camera looks at the object from --azimuth
-    and --elevation, --range away. So does a LiDAR without a ground; with one it is mounted at its height above that,
-    --range away along the ground. Each point has range, incidence (radians), intensity, ring, column, instance (0: the
-    object), n_returns, time and normal.
+    Points are in metres, z up, with the centre of the object's box at the origin. A camera is --range away in the
+    direction of --azimuth and --elevation. So is a LiDAR in a scene without a ground; over a ground it is mounted at
+    its height, --range away along the ground. Each point has range, incidence (radians), intensity, ring, column,
+    instance (0: the object), n_returns, time and normal.
 
     \b
     Examples:
@@ -72,7 +76,7 @@ def scan_command(
     """
     suffix_of(out, SUFFIXES)
     if options["sensor"] == SURFACE:
-        raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
+        raise OptionError("scan needs a sensor. `zbuf-occlude visible` writes surface samples.")
     if picture is not None:
         if picture.suffix.lower() != ".png":
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
@@ -81,9 +85,7 @@ def scan_command(
     setup = parse_setup(method or default_caster(), options)
     assert setup is not None
     if setup.height is not None and explicitly_set(click.get_current_context(), ("elevation",)):
-        raise click.UsageError(
-            "--elevation must be of a camera; --sensor-height says how high a LiDAR is above the ground."
-        )
+        raise click.UsageError("--elevation is for cameras; the height of a LiDAR above the ground is --sensor-height.")
     collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(setup.transparent))
     check_sizes(setup, collection)
     warn_of_lying(collection[:1], up)
@@ -94,33 +96,39 @@ def scan_command(
     if setup.share is not None or setup.objects:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
-            hidden += " (what was asked for could not be reached)"
+            hidden += " (the requested share could not be reached)"
     echo(f"{len(found)} returns by {setup.sensor_model.name}, rays by {setup.method}{hidden}: {out}")
     lengths = lengths_of(setup, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
-    cut, away = capture.cut, float(np.linalg.norm(capture.pose[:3, 3]))
-    warnings = list(cut_off(QualityCounts.of_cut(*cut).cut, setup.to_dict()))
-    if not len(found):
-        of_all = setup.keep == "all"
-        if not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns:
-            why = why_empty(capture, setup.sensor_model, setup.method, of_all)
-            what = "scene" if of_all else "object"
-            warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
-        warnings[-1] += f" The object is {size:.4g} m long and {away:.4g} m away."
+    warnings = scan_warnings(capture, setup, size)
     for warning in warnings:
         echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, setup.sensor_model)
 
 
+def scan_warnings(capture: Capture, setup: ScanConfig, size: float) -> list[str]:
+    """Return warnings of returns beyond the sensor's range, and of a scan without any return."""
+    cut, sensor = capture.cut, setup.sensor_model
+    warnings = list(cut_off(QualityCounts.of_cut(*cut).cut, setup.to_dict()))
+    if not len(capture.scan):
+        whole_scene = setup.keep == "all"
+        if not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns:
+            why = why_empty(capture, sensor, setup.method, whole_scene)
+            what = "scene" if whole_scene else "object"
+            warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
+        away = float(np.linalg.norm(capture.pose[:3, 3]))
+        warnings[-1] += f" The object is {size:.4g} m long and {away:.4g} m away."
+    return warnings
+
+
 def scan_once(
     collection: MeshCollection, setup: ScanConfig, azimuth: float, elevation: float, seed: int
 ) -> tuple[Capture, float]:
-    """Return the capture of a collection's first mesh, and the metres of that mesh's longest side.
+    """Return the capture of a collection's first mesh, and the longest side of that mesh in metres.
 
-    The rest of the collection, or the built-in shapes, fill the scene.
-
-    A class without a size, or a range within the object, is an OptionError.
+    The rest of the collection, or the built-in shapes, fill the scene. Raises OptionError for a class without a size,
+    or a range within the object.
     """
     first = collection[0]
     with Limits().watch():
@@ -134,23 +142,23 @@ def scan_once(
     floor = float(mesh.bounds[0, 2])
     try:
         places = sensor_places(views, size, floor, setup, seeds)
-    except MeshError as error:  # it is the range that was typed
+    except MeshError as error:  # the range given is within the object
         raise OptionError(str(error)) from None
     pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.transmittance is None:
         raise OptionError(no_windows("--transparent", loaded))
     if n_raised(views, places, setup):
-        echo("warning: the camera would be below the ground, and stands on it. Raise --elevation.", err=True)
+        echo("warning: the camera would be below the ground and was placed on it. Raise --elevation.", err=True)
     return capture, size
 
 
-SURROUNDINGS = 4.0
-"""Of the object's own radius: how far about it the cloud is drawn."""
+PLOT_RADIUS = 4.0
+"""Radius of the part of the cloud that is drawn, in radii of the object."""
 
 
 def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
-    """Write a PNG: returns by azimuth and elevation, and the cloud from aside and from above."""
+    """Plot the returns by azimuth and elevation, and the cloud by range and by object; write a PNG."""
     from zbuf_occlude.drawing.pictures import blank_figure, draw_cloud
 
     figure = blank_figure(13, 4.4)
@@ -182,9 +190,10 @@ def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
 
 
 def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:
-    """Return which returns are near the object, the middle of its own, and the radius about it that holds them.
+    """Return the mask of the returns to draw, their centre and their radius.
 
-    All returns where it has none, or where little else was met: a car in 150 m of ground would be a dot.
+    These are the returns near the object: a car in 150 m of ground would be a dot. All returns are drawn where the
+    object has none, or where all lie near it.
     """
     positions = scan.positions
     if not len(positions):
@@ -192,7 +201,7 @@ def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:
     centre, whole = (positions.min(axis=0) + positions.max(axis=0)) / 2, np.linalg.norm(np.ptp(positions, axis=0)) / 2
     own = positions[scan.instances == 0]
     if len(own):
-        radius = SURROUNDINGS * float(np.linalg.norm(np.ptp(own, axis=0))) / 2
+        radius = PLOT_RADIUS * float(np.linalg.norm(np.ptp(own, axis=0))) / 2
         if 0.0 < radius < whole:
             centre = (own.min(axis=0) + own.max(axis=0)) / 2
             return np.linalg.norm(positions - centre, axis=1) <= radius, centre, radius
@@ -200,7 +209,7 @@ def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:
 
 
 def colours(values: np.ndarray) -> np.ndarray:
-    """Return an RGB colour in [0, 1] per value: whole numbers by turns, others along a scale."""
+    """Return an RGB colour in [0, 1] per value: a cycle of colours for integers, a colour scale for others."""
     from matplotlib import colormaps
 
     if np.issubdtype(values.dtype, np.integer):

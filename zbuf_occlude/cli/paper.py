@@ -1,4 +1,4 @@
-"""`zbuf-occlude paper`: the paper's tables, figures and experiments, each a command of its own."""
+"""Command group `paper`: a command for each table, figure and experiment of the paper."""
 
 from collections.abc import Callable, Collection
 from functools import partial
@@ -12,12 +12,12 @@ from zbuf_occlude.cli.shell import Command, CommandGroup, echo
 
 COMMANDS = {
     "table1a": "Table 1A: HSR by vertices, and with far faces excluded.",
-    "table1b": "Table 1B: exact HSR, and occupancy grids.",
-    "table2": "Table 2: datasets by samples and size, with the row of one made here.",
+    "table1b": "Table 1B: exact HSR and occupancy grids.",
+    "table2": "Table 2: datasets by samples and size, with a dataset of `generate`.",
     "elevation": "4.2, Table 3A: classifiers against the camera's elevation.",
     "augmentation": "4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.",
-    "table3": "Both of these: Table 3A and 3B.",
-    "realism": "Not the paper's: what a LiDAR and a street do to a classifier.",
+    "table3": "Tables 3A and 3B: `elevation` and `augmentation`.",
+    "realism": "Not in the paper: classifiers on scans by a LiDAR, in streets, by a depth camera.",
     "fig4": "Fig. 4: division of large faces.",
     "fig7": "Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.",
     "fig8": "Fig. 8: object with camera, result of HSR, cloud.",
@@ -26,7 +26,7 @@ COMMANDS = {
     "fig11": "Fig. 11: clouds at four elevations.",
     "fig12": "Fig. 12: projected area of the visible part against elevation.",
 }
-"""Name and one line of each command."""
+"""Summary of each command by its name."""
 
 _MAKERS = {
     "table1": ("comparison", "table1_command"),
@@ -34,16 +34,16 @@ _MAKERS = {
     "fig": ("figure", "figure_named"),
     "": ("experiment", "experiment_named"),
 }
-"""How names begin; module and function of this room that make the command, called with its name."""
+"""Prefix of names; module of `cli` and function that return the command of a name."""
 
 
 class PaperGroup(CommandGroup):
-    """The commands of `paper`."""
+    """Group of the commands of `paper`."""
 
     table = COMMANDS
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """Import the command's module and return the command."""
+        """Return a command; its module is imported."""
         if name not in COMMANDS:
             return None
         module, maker = next(row for start, row in _MAKERS.items() if name.startswith(start))
@@ -53,23 +53,23 @@ class PaperGroup(CommandGroup):
 
 @click.command(cls=PaperGroup)
 def paper_command() -> None:
-    """Repeat the paper: its tables, its figures, its experiments with classifiers."""
+    """Repeat the paper's tables, figures and experiments with classifiers."""
 
 
 def derived(
     old: click.Command, name: str, options: Collection[str], run: Callable[..., Any], text: str
 ) -> click.Command:
-    """Return a command of `paper` that has some `options` of the `old` one; `run` is called with its name and these."""
+    """Return a command of `paper` with some `options` of an `old` command; it calls `run` with its name and them."""
     params = [parameter for parameter in old.params if parameter.name in options]
     return Command(name, params=params, callback=partial(run, name), help=text)
 
 
 def replaced(old: str, new: str) -> None:
-    """Say that a command goes on working, and by what it is replaced."""
+    """Print a note that a command has a new name."""
     echo(f"note: `zbuf-occlude {old}` is now `zbuf-occlude {new}`", err=True)
 
 
 def refuse_unused(name: str, options: Collection[str]) -> None:
-    """Refuse typed options that a table, figure or experiment does not use, by a UsageError."""
+    """Raise UsageError for typed options that a table, figure or experiment does not use."""
     if idle := explicitly_set(click.get_current_context(), options):
         raise click.UsageError(f"{name} does not use {', '.join(idle)}. Leave it out.")

@@ -1,4 +1,4 @@
-"""`zbuf-occlude shapes`: the list of built-in shapes, and one of them as a mesh file, to try things on."""
+"""Command `shapes`: list the built-in shapes, or write one of them as a mesh file."""
 
 from pathlib import Path
 
@@ -14,18 +14,18 @@ from zbuf_occlude.scenes.sizes import SIZES
 from zbuf_occlude.shapes.built_in import BUILT_IN, find_shape
 
 ENDINGS = (".off", ".obj", ".ply", ".stl", ".glb")
-EXACT = (".off", ".obj")
-"""Endings of text, in which numbers have as many digits as are asked for."""
+TEXT_FORMATS = (".off", ".obj")
+"""Text formats, whose number of digits can be set."""
 
 
 @click.command(cls=Command)
 @click.argument("name", required=False)
-@click.option("--number", type=click.IntRange(0), default=0, metavar="N", help="Which member of its class.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws; 0 is the built-in ones.")
+@click.option("--number", type=click.IntRange(0), default=0, metavar="N", help="Index of the member of its class.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the members; 0: the built-in ones.")
 @click.option("--up", type=Name(UP), default=None, help="Up axis of the file.  [default: y for glTF, else z]")
-@click.option("--out", type=click.Path(path_type=Path), help=f"shape{', '.join(ENDINGS)}")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Output file: shape{', '.join(ENDINGS)}")
 def shapes_command(name: str | None, number: int, seed: int, up: str | None, out: Path | None) -> None:
-    """List the built-in shapes, or write the one of NAME as a mesh, in metres.
+    """List the built-in shapes, or write the shape NAME as a mesh, in metres.
 
     NAME is a class, or collection/class where two collections have it: car, road-users/car.
 
@@ -58,8 +58,8 @@ def shapes_command(name: str | None, number: int, seed: int, up: str | None, out
 
 
 def write_mesh(out: Path, mesh: Mesh, suffix: str, up: str) -> None:
-    """Write a mesh in the format of an ending, with z or y up in the file."""
+    """Write a mesh in the format of a suffix, with z or y up in the file."""
     turned = mesh if up == "z" else mesh.rotated([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-    digits = {"digits": 17} if suffix in EXACT else {}
+    digits = {"digits": 17} if suffix in TEXT_FORMATS else {}
     content = turned.to_trimesh().export(file_type=suffix[1:], **digits)
     atomic.write(out, lambda file: file.write(content.encode() if isinstance(content, str) else content))

@@ -1,4 +1,4 @@
-"""Options that several commands share: meshes, method, camera, engine; and how key=value becomes Python."""
+"""Options shared by several commands (meshes, method, camera, engine), and the parsing of their values."""
 
 import ast
 import functools
@@ -30,34 +30,36 @@ from zbuf_occlude.workers.ray import run_ray
 
 VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
 
-AUTO_ELSEWHERE = f"{AUTO!r} chooses for a whole dataset: it is for `generate` only. Name a method here"
+AUTO_ELSEWHERE = f"{AUTO!r} is for `generate` only. Name a method here"
 
 
 class MethodName(Name):
-    """A method's name; a word that only `generate` takes is refused with that hint."""
+    """Name of a method; `AUTO` is refused with a hint where only `generate` takes it."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name."""
+        """Return the name of the method."""
         if value == AUTO and AUTO not in self.choices:
             self.fail(f"{AUTO_ELSEWHERE}: {', '.join(self.choices)}.", param, ctx)
         return super().convert(value, param, ctx)
 
 
 class MeshPlace(click.Path):
-    """Path of a mesh file, a folder or an archive."""
+    """Path of a mesh file, a folder of meshes or an archive."""
 
     kind = "a file or folder"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
         name = os.fsdecode(super().convert(value, param, ctx))
-        if not name:  # of a variable that is not set: not the current folder
-            self.fail(f"it must be the name of {self.kind}; it is empty. For this folder, write a dot.", param, ctx)
+        if not name:  # an unset shell variable must not mean the current folder
+            self.fail(
+                f"it must be the name of {self.kind}; it is empty. For the current folder, give a dot.", param, ctx
+            )
         return Path(name)
 
 
 class OutFolder(MeshPlace):
-    """Path of a folder to write into, which need not be there."""
+    """Path of an output folder, which need not exist."""
 
     kind = "a folder"
 
@@ -68,34 +70,34 @@ class OutFolder(MeshPlace):
             self.fail(f"it must be a folder; {str(path)!r} is a file. Choose another.", param, ctx)
         if path.is_symlink() and not path.exists():
             target = str(path.readlink())
-            message = f"{str(path)!r} is a link to {target!r}, which is not there. Make that folder first."
+            message = f"{str(path)!r} is a link to {target!r}, which does not exist. Make that folder first."
             self.fail(f"it must be a folder; {message}", param, ctx)
         above = nearest(path)
         if above != path.absolute() and not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
-            why = "it may not be written in" if above.is_dir() else "that is a file"
+            why = "it is not writable" if above.is_dir() else "that is a file"
             message = f"{str(path)!r} cannot be made in {str(above)!r}: {why}. Choose another."
-            self.fail(f"it must be a folder, or one that can be made; {message}", param, ctx)
+            self.fail(f"it must be a folder that exists or can be made; {message}", param, ctx)
         return path
 
 
 def nearest(path: Path) -> Path:
-    """Return a path, absolute, or what is there of those above it."""
+    """Return the path, absolute, or the nearest of its parents that exists."""
     return next(each for each in (path.absolute(), *path.absolute().parents) if os.path.exists(each))
 
 
 class Setting(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """KEY=VALUE, of --set and its like; the value is (key, text)."""
+    """Value KEY=VALUE of options such as --set, parsed to (key, text)."""
 
     name = "KEY=VALUE"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
-        """Return key and text; refuse here what would else be taken for the name of a mesh: ``--set key value``."""
+        """Return key and text; ``--set key value`` is refused, since click would take the value for a mesh path."""
         if isinstance(value, tuple):
             return value
         key, equals, text = (part.strip() for part in str(value).partition("="))
         if not (equals and key and text):
             option = param.opts[0] if param is not None else "--set"
-            hint = "" if equals else f" In one word: {option} {key or 'KEY'}=VALUE."
+            hint = "" if equals else f" Write {option} {key or 'KEY'}=VALUE."
             raise OptionError(f"{option} must be given KEY=VALUE; got {value!r}.{hint}")
         return key, text
 
@@ -104,7 +106,7 @@ Settings = tuple[tuple[str, str], ...]
 
 
 def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:
-    """--method and --set, passed on as `method` and `settings`; `also` are words besides the methods' names."""
+    """Return the options --method and --set (`method`, `settings`); `also` are values besides the methods' names."""
     return all_of(
         click.option(
             "--method",
@@ -117,13 +119,13 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
             "settings",
             type=Setting(),
             multiple=True,
-            help="Option of the method, as `zbuf-occlude methods` lists them; repeatable.",
+            help="Option of the method (see `zbuf-occlude methods`); repeatable.",
         ),
     )
 
 
 def chosen_method(context: click.Context, method: str, settings: Settings) -> Choice:
-    """Return the method that a person named, or what is taken by default here; say it first if that is another one."""
+    """Return the method that was typed, or the default on this machine; a different default is reported."""
     default = context.get_parameter_source("method") is ParameterSource.DEFAULT
     choice = by_default() if default and not settings else Choice(method, "")
     if choice.reason:
@@ -134,7 +136,7 @@ def chosen_method(context: click.Context, method: str, settings: Settings) -> Ch
 
 
 def finite(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Refuse NaN and infinity, of an option of one number or of several."""
+    """Raise BadParameter for NaN or infinity in the value of an option, a number or several."""
     for number in value if isinstance(value, tuple) else (value,):
         if number is not None and not math.isfinite(number):
             raise click.BadParameter(f"{number} is not a finite number.")
@@ -142,7 +144,7 @@ def finite(context: click.Context, parameter: click.Parameter, value: Any) -> An
 
 
 def distances(text: str) -> tuple[float, float | None]:
-    """Read a distance D, or distances D0..D1 to be drawn from: the nearest, and the farthest or None."""
+    """Parse a distance D, or a range D0..D1 of random distances; return the nearest, and the farthest or None."""
     try:
         numbers = [float(part) for part in text.split("..")]
     except ValueError:
@@ -159,44 +161,38 @@ distance_option = click.option(
     type=distances,
     default="4",
     metavar="D|D0..D1",
-    help="Of the cameras from the centre, in longest sides; D0..D1: random for each view.",
+    help="Distance of the cameras from the centre, in longest sides; D0..D1: random per view.",
 )
 
 
-def angle_options(of_elevation: str) -> Decorator:
-    """--azimuth and --elevation: where a camera or sensor stands about the mesh."""
+def angle_options(elevation_help: str) -> Decorator:
+    """Return the options --azimuth and --elevation of a camera or sensor about the mesh."""
     return all_of(
         click.option("--azimuth", type=float, default=0.0, callback=finite, help="Degrees from +x towards +y."),
-        click.option("--elevation", type=click.FloatRange(-90, 90), default=0.0, callback=finite, help=of_elevation),
+        click.option("--elevation", type=click.FloatRange(-90, 90), default=0.0, callback=finite, help=elevation_help),
     )
 
 
 ANGLES = ("azimuth", "elevation", "distance", "roll")
-"""Options of one camera, as `from_angles` takes them."""
+"""Options of one camera: the arguments of `from_angles`."""
 
 
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units.
+    """Add the options of a camera, by angles or from a file, to a command.
 
-    A command that has ``--union`` is passed the views of all cameras of the file.
+    The command receives `camera`, a function that returns the view of a mesh in world units; with ``--union``, the
+    views of all cameras of the file.
     """
 
     @functools.wraps(function)
     def command(cameras: str | None, index: int, look_at: Any, fov: float | None, **others: Any) -> Any:
-        context, angles = click.get_current_context(), [others.pop(name) for name in ANGLES]
-        if idle := explicitly_set(context, ("index", "union") if cameras is None else ANGLES):
-            how = "with" if cameras is None else "without"
-            raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
-        union = bool(others.get("union"))
-        if union and explicitly_set(context, ("index",)):
-            raise click.UsageError("--index chooses one camera, --union takes all. Leave one out.")
-        if cameras is not None:
-            views = parse_views(cameras)
-            if index >= len(views):
-                raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
-            view = views if union else views.select([index])
-        else:
+        angles = [others.pop(name) for name in ANGLES]
+        if cameras is None:
+            _refuse_camera_options(("index", "union"), "with")
             view = from_angles(*angles)
+        else:
+            _refuse_camera_options(ANGLES, "without")
+            view = _read_cameras(cameras, index, union=bool(others.get("union")))
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)
@@ -211,25 +207,47 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             type=click.FloatRange(0, min_open=True),
             default=4.0,
             callback=finite,
-            help="Of the camera from the centre, in longest sides.",
+            help="Distance of the camera from the centre, in longest sides.",
         ),
-        click.option("--roll", type=float, default=0.0, callback=finite, help="Degrees; the top turns to the right."),
+        click.option(
+            "--roll",
+            type=float,
+            default=0.0,
+            callback=finite,
+            help="Roll in degrees; the top of the image turns right.",
+        ),
         click.option(
             "--look-at",
             type=(float, float, float),
             metavar="X Y Z",
             callback=finite,
-            help="In the mesh's coordinates.  [default: centre]",
+            help="Target of the camera, in the mesh's coordinates.  [default: centre]",
         ),
         click.option(
             "--fov",
             type=click.FloatRange(*FIELDS_OF_VIEW),
             callback=finite,
-            help="Field of view, degrees.  [default: the whole mesh is seen]",
+            help="Field of view, degrees.  [default: the whole mesh]",
         ),
-        click.option("--cameras", metavar="FILE", help="Instead of angles: cameras as JSON or CSV, of NeRF or COLMAP."),
-        click.option("--index", type=click.IntRange(0), default=0, help="Which of the cameras, from 0."),
+        click.option("--cameras", metavar="FILE", help="File of cameras instead of angles: JSON, CSV, NeRF or COLMAP."),
+        click.option("--index", type=click.IntRange(0), default=0, help="Index of the camera in --cameras, from 0."),
     )(command)
+
+
+def _refuse_camera_options(names: Collection[str], how: str) -> None:
+    """Raise UsageError for typed options that must go with, or without, --cameras."""
+    if idle := explicitly_set(click.get_current_context(), names):
+        raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
+
+
+def _read_cameras(path: str, index: int, *, union: bool) -> Views:
+    """Return the camera `index` of a file, or all of them with `union`."""
+    if union and explicitly_set(click.get_current_context(), ("index",)):
+        raise click.UsageError("--index selects one camera, --union all of them. Leave one out.")
+    views = parse_views(path)
+    if index >= len(views):
+        raise OptionError(f"--index must be below the {len(views)} cameras of {path}; got {index}.")
+    return views if union else views.select([index])
 
 
 up_option = click.option(
@@ -242,14 +260,17 @@ up_option = click.option(
 frame_options = all_of(
     up_option,
     click.option(
-        "--unit", type=Name(list(UNITS)), default=None, help="Unit of the files, for metres.  [default: as they are]"
+        "--unit",
+        type=Name(list(UNITS)),
+        default=None,
+        help="Unit of the files; lengths are then metres.  [default: none]",
     ),
 )
-"""--up and --unit: in what frame files are; handed on as `up` and `unit`."""
+"""Options --up and --unit: the frame of the files."""
 
 
 def sample_size(value: str | int) -> int | None:
-    """Read a number of points, or ``all``, whose value is None."""
+    """Parse a number of points, or ``all`` as None."""
     if value == "all":
         return None
     try:
@@ -262,15 +283,15 @@ def sample_size(value: str | int) -> int | None:
 
 
 def words(text: str) -> list[str]:
-    """Read words between commas."""
+    """Parse words separated by commas."""
     found = [word.strip() for word in text.split(",") if word.strip()]
     if not found:
-        raise click.BadParameter(f"it must have a word, or several between commas; got {text!r}.")
+        raise click.BadParameter(f"it must be one or more words separated by commas; got {text!r}.")
     return found
 
 
 def with_option(help: str) -> Decorator:
-    """--with: what points have besides their positions; handed on as `attributes`."""
+    """Return the option --with (`attributes`): columns of points besides their positions."""
     return click.option(
         "--with",
         "attributes",
@@ -286,16 +307,16 @@ choice_options = all_of(
         "--labels",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help="Class and split of each mesh, as CSV or JSON; others are left out.",
+        help="CSV or JSON with class and split of each mesh; other meshes are left out.",
     ),
     click.option("--classes", type=words, metavar="NAME,...", help="Only meshes of these classes."),
     click.option("--splits", type=words, metavar="NAME,...", help="Only meshes of these splits: train, val, test."),
 )
-"""Which of the meshes found, and what they are of."""
+"""Options that select meshes and set their classes and splits."""
 
 
 def explicitly_set(context: click.Context, names: Collection[str]) -> list[str]:
-    """Return which of a command's options were typed, as one types them."""
+    """Return the typed names of those options that were given on the command line."""
     return [
         parameter.opts[0]
         for parameter in context.command.params
@@ -317,9 +338,9 @@ def collect(
     shapes: str = BUILT_IN[0].name,
     colors: bool = False,
 ) -> MeshCollection:
-    """Return the meshes that a person named, or `shapes` that are built in; chosen, ordered, at most `limit` of them.
+    """Return the meshes of `paths`, or the built-in `shapes`; selected, ordered, at most `limit` of them.
 
-    What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
+    Files in `out` are left out: they may be clouds (PLY) of an earlier run in a folder among the meshes.
     """
     if paths:
         meshes = MeshCollection.from_paths(paths, up=up, unit=unit, labels=labels, colors=colors)
@@ -337,14 +358,14 @@ def collect(
 
 
 def parse_settings(method: str, settings: Settings) -> dict[str, Any]:
-    """Turn (("resolution", "512"), ("refine", "none")) into a dict that `Method.check_options` accepts."""
+    """Parse settings such as (("resolution", "512"),) into options that `Method.check_options` accepts."""
     options = {key: literal(text) for key, text in settings}
     find_method(method).check_options(options)
     return options
 
 
 def literal(text: str) -> Any:
-    """Read a number, None, True or False as such; anything else is a string."""
+    """Parse a number, None, True or False; return any other text unchanged."""
     try:
         value = ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -353,7 +374,7 @@ def literal(text: str) -> Any:
 
 
 def suffix_of(path: Path, known: tuple[str, ...]) -> str:
-    """Return the suffix of an output file, or raise OptionError: an unknown one, or a place that cannot be written."""
+    """Return the suffix of an output file; raises OptionError for an unknown one, or where it cannot be written."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise OptionError(f"--out must end in {', '.join(known)}; got {path.name!r}.")
@@ -362,48 +383,51 @@ def suffix_of(path: Path, known: tuple[str, ...]) -> str:
 
 
 def check_place(path: Path, option: str = "--out") -> None:
-    """Raise OptionError where an output file cannot be written: said before the work, not after it."""
+    """Raise OptionError, before any work, where an output file cannot be written."""
     folder = path.parent
     if not folder.is_dir():
-        raise OptionError(f"{option} must be in a folder that there is; {str(folder)!r} is none. Make it first.")
+        raise OptionError(f"{option} must be in a folder that exists; {str(folder)!r} does not. Make it first.")
     if path.is_dir():
         raise OptionError(f"{option} must be a file; {str(path)!r} is a folder. Give a name within it.")
     if not os.access(path if path.exists() else folder, os.W_OK):
-        raise OptionError(f"{option} must be a place that can be written; {str(path)!r} is not. Give another.")
+        raise OptionError(f"{option} must be writable; {str(path)!r} is not. Give another.")
     given = [each for value in click.get_current_context().params.values() for each in _each(value)]
     if path.exists() and any(each is not path and os.path.exists(each) and path.samefile(each) for each in given):
-        raise OptionError(f"{option} must not be a file that is read; {str(path)!r} is. Give another.")
+        raise OptionError(f"{option} must not be an input file; {str(path)!r} is. Give another.")
 
 
 def _each(value: Any) -> list[str | Path]:
-    """Return what of a parameter's value may be a path."""
+    """Return the parts of a parameter's value that may be paths."""
     return [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, str | Path) and each]
 
 
 ENGINE = ("engine", "workers", "ray_address", "ray_gpus")
-"""Names of the parameters that `engine_options` adds, and `pop_engine` takes."""
+"""Names of the parameters of `engine_options`."""
 
 
 engine_options = all_of(
     click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
-    click.option("--engine", type=Name(["local", "ray"]), default="local", help="Processes here, or a Ray cluster."),
-    click.option("--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new one here]"),
+    click.option("--engine", type=Name(["local", "ray"]), default="local", help="Local processes, or a Ray cluster."),
+    click.option("--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new local one]"),
     click.option(
-        "--ray-gpus", type=click.FloatRange(0), default=0.0, help="GPUs of each Ray worker; with 0.25 four share one."
+        "--ray-gpus",
+        type=click.FloatRange(0),
+        default=0.0,
+        help="GPUs per Ray worker; with 0.25, four workers share one.",
     ),
 )
-"""Who makes the work: processes here, or a Ray cluster."""
+"""Options of the engine: local processes or a Ray cluster."""
 
 
-def shard_option(what: str) -> Decorator:
-    """--shard; `what` says whereof."""
-    return click.option("--shard", metavar="I/N", help=what)
+def shard_option(help: str) -> Decorator:
+    """Return the option --shard with its help text."""
+    return click.option("--shard", metavar="I/N", help=help)
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
-    """Take the options of `engine_options` out of a command's, and return the engine that they choose.
+    """Remove the options of `engine_options` from a command's options and return the engine.
 
-    Options of an engine that was not chosen are a UsageError.
+    Raises UsageError for options of the other engine.
     """
     engine, workers, address, gpus = (options.pop(name) for name in ENGINE)
     if engine != "ray" and (idle := explicitly_set(context, ("ray_address", "ray_gpus"))):
@@ -416,5 +440,5 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
 
 
 def share_of(shard: str | None) -> tuple[int, int]:
-    """Return this machine's share, (i, n), as it was given, or as SLURM says."""
+    """Return the share (i, n) of this machine, from --shard or from SLURM's environment."""
     return parse_shard(shard) if shard is not None else from_environment(os.environ)

@@ -1,4 +1,4 @@
-"""What every command has: help in panels, a way to print, a bar, one line of an error, a look at the shell."""
+"""Base of all commands: help in panels, printing, progress bars, one-line errors, checks of the environment."""
 
 import os
 import re
@@ -15,35 +15,35 @@ from zbuf_occlude.errors import OccludeError, OptionError, did_you_mean, escape_
 from zbuf_occlude.limits import address_space
 
 SOME_FAILED = 3
-"""Exit code of a run that was done but for some meshes."""
+"""Exit code of a run in which some meshes failed."""
 
 
 def echo(text: object, *, err: bool = False) -> None:
-    """Print lines, to standard output or standard error.
+    """Print lines to standard output or standard error.
 
-    Names in them come from files and folders, and from data that others made: what would command a terminal, or is in
-    no encoding, is written as in Python; ``\\n`` alone ends a line.
+    Control characters and undecodable bytes are escaped as in Python: names of files and data of others may contain
+    them. Only ``\\n`` ends a line.
     """
     COMPILING.close()
     click.echo("\n".join(map(escape_control, str(text).split("\n"))), err=err)
 
 
-def on(renderer: str) -> str:
-    """Say which renderer drew; nothing of a method that renders nothing."""
+def on_renderer(renderer: str) -> str:
+    """Return the text " on RENDERER", or "" for a method that does not render."""
     return "" if renderer == "none" else f" on {renderer}"
 
 
 def one_line(error: click.ClickException) -> str:
-    """Return what click says of a command line, and where its help is."""
+    """Return click's message on a command line in one line, with a hint to the help."""
     context = error.ctx if isinstance(error, click.UsageError) else None
     said = " ".join(error.format_message().split())
     return f"{said} Help: {context.command_path} --help" if context is not None else said
 
 
 class Compiling:
-    """A line that says how many functions are compiled, while some are; `total` of them are expected, if that is known.
+    """Progress bar of functions being compiled; `total` is their expected number, if known.
 
-    It goes when anything else is said.
+    The bar is removed before anything else is printed.
     """
 
     def __init__(self) -> None:
@@ -51,16 +51,16 @@ class Compiling:
         self._bar: Any = None
 
     def one_more(self) -> None:
-        """Count a function."""
+        """Count one compiled function."""
         if self._bar is None:
-            from tqdm import tqdm  # late: help needs none
+            from tqdm import tqdm  # late: help needs no bar
 
             looks = {"unit": " functions", "desc": "compile", "leave": False, "miniters": 1}
-            self._bar = tqdm(total=self.total, disable=None, **looks)  # nothing in logs, which do not move
+            self._bar = tqdm(total=self.total, disable=None, **looks)  # no bar in log files
         self._bar.update()
 
     def close(self) -> None:
-        """Remove the line."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
@@ -70,12 +70,12 @@ COMPILING = Compiling()
 
 
 def progress_bar(total: float, unit: str, what: str, **more: Any) -> Any:
-    """Return a tqdm bar, shown with the first progress: after all that may refuse; in a file seldom drawn again."""
-    from tqdm import tqdm  # late: help needs none
+    """Return a tqdm bar that is shown with the first progress, and seldom redrawn in a log file."""
+    from tqdm import tqdm  # late: help needs no bar
 
     COMPILING.close()
 
-    class Bar(tqdm):  # type: ignore[misc]  # it has no types
+    class Bar(tqdm):  # type: ignore[misc]  # tqdm has no types
         def update(self, n: float | None = 1) -> bool | None:
             drawn = super().update(n)
             if drawn:
@@ -91,42 +91,42 @@ def progress_bar(total: float, unit: str, what: str, **more: Any) -> Any:
 
 
 ON_SCREEN, IN_A_FILE = 0.1, 5.0
-"""Seconds until a bar is drawn again."""
+"""Seconds between two updates of a bar."""
 LEAST_MEMORY = 768 * 2**20
-"""Bytes of address space: with 500 MB compiling ends in an abort of LLVM's, with 800 MB a small dataset is made."""
+"""Minimum address space in bytes: LLVM aborts with 500 MB; a small dataset is made with 800 MB."""
 
 
 def check_surroundings() -> None:
-    """Raise OptionError or OccludeError where numba could not be imported, or the current folder is gone."""
+    """Raise OptionError or OccludeError where numba cannot be imported or the current folder no longer exists."""
     try:
         Path.cwd()
     except FileNotFoundError:
-        raise OccludeError("the current folder must be there; it has been removed. Change to another: cd.") from None
+        raise OccludeError("The current folder no longer exists. Change to another one.") from None
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and int(threads) < 1:
         raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")
     allowed = address_space()
     if allowed is not None and allowed < LEAST_MEMORY:
         raise OccludeError(
-            f"a process must be allowed {LEAST_MEMORY // 1024:,} kB of address space; this one is allowed "
-            f"{allowed // 1024:,} kB. Raise the limit, as ulimit -v {LEAST_MEMORY // 1024} does."
+            f"the limit of address space must be at least {LEAST_MEMORY // 1024:,} kB; it is "
+            f"{allowed // 1024:,} kB. Raise it: ulimit -v {LEAST_MEMORY // 1024}."
         )
 
 
 def counted(n: int, one: str, many: str = "") -> str:
-    """Return a number of things in words: ``1 mesh``, ``2 meshes``."""
+    """Return a number with its noun: ``1 mesh``, ``2 meshes``."""
     return f"{n} {one if n == 1 else many or one + 's'}"
 
 
 LONG = 10
-"""A command of fewer options has them in one list."""
+"""Minimum number of options for panels; fewer are shown in one list."""
 WIDTH = 118
 
 PANELS = {
     "Input": "shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size subset "
-    "overlap seed attributes seconds row_seconds judge_points",
+    "overlap seed attributes seconds row_seconds reference_points",
     "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height transparent velocity turn "
     "trajectory deskew eye up_axis poses depth_unit",
     "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
@@ -135,11 +135,11 @@ PANELS = {
     "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu dry_run device "
     "mixed_precision help",
 }
-"""Panel to the parameters in it, in the order of the command; what is in none comes last."""
+"""Parameters of each panel of the help; parameters in none go to the last panel."""
 
 
 class Command(click.Command):
-    """A command whose options come in panels, where they are many."""
+    """Command whose help shows many options in panels."""
 
     def __init__(self, name: str | None, *, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
         columns = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
@@ -165,7 +165,7 @@ class Command(click.Command):
 
 
 def _plain(names: str, text: str) -> tuple[str, str]:
-    """Return an option's row without the names of Python's types and ranges."""
+    """Return an option's row of help without names of types and ranges."""
     for kind, letter in (("INTEGER RANGE", "N"), ("FLOAT RANGE", "X"), ("INTEGER", "N"), ("FLOAT", "X")):
         names = names.replace(kind, letter)
     text = re.sub(r"(?:; |\[)[-\d.]*<?=?x[<>]=?[-\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
@@ -173,13 +173,13 @@ def _plain(names: str, text: str) -> tuple[str, str]:
 
 
 class CommandGroup(click.Group):
-    """A group of the commands of a table, imported when they are called; it names the nearest to a mistyped one."""
+    """Group of commands of a table, imported when called; it suggests the nearest name for a mistyped one."""
 
     table: ClassVar[Mapping[str, str]]
-    """Name and one line of each command."""
+    """Summary of each command by its name."""
 
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        """Read the arguments; without any, show the help (as an error it would be one long line)."""
+        """Parse the arguments; without any, show the help."""
         return super().parse_args(context, args or ["--help"])
 
     def list_commands(self, context: click.Context) -> list[str]:
@@ -204,12 +204,12 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def all_of(*options: Decorator) -> Decorator:
-    """Return a decorator that gives a command several options, which its help lists in this order."""
+    """Return a decorator that adds several options to a command, in the order of its help."""
     return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
 
 
 class Name(click.Choice):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """A name of a table."""
+    """Choice among the names of a table."""
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__(list(names))

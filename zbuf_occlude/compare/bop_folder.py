@@ -1,4 +1,4 @@
-"""A folder of BOP, the benchmark for 6D poses, read: cameras, poses and models; millimetres in, metres out."""
+"""Reader of BOP folders (benchmark for 6D object poses): cameras, poses and models; millimetres to metres."""
 
 import json
 import re
@@ -15,12 +15,12 @@ from zbuf_occlude.sensors.bop import MILLIMETRES
 from zbuf_occlude.sensors.sensor import Sensor
 
 CAMERA_TO_SENSOR = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""From a camera's frame (x right, y down, z forward) to a sensor's (x forward, y left, z up)."""
+"""Rotation from a camera's frame (x right, y down, z forward) to a sensor's (x forward, y left, z up)."""
 _MODEL = re.compile(r"obj_(\d+)\.ply", re.IGNORECASE)
 
 
 class Camera(NamedTuple):
-    """The camera of a depth image: K counted from the first pixel's centre, and metres of one step of the image."""
+    """Camera of a depth image: K with the origin at the first pixel's centre, and metres of one step of the image."""
 
     image: Path
     matrix: FloatArray
@@ -32,7 +32,7 @@ class Camera(NamedTuple):
         Raises
         ------
         OptionError
-            It is no pinhole.
+            The sensor is no pinhole.
         DatasetError
             The image cannot be read.
         """
@@ -44,12 +44,12 @@ class Camera(NamedTuple):
 
 
 def camera_of(image: Path) -> Camera | None:
-    """Read what ``scene_camera.json`` says of a scene's depth image ``depth/000000.png``; None where there is none.
+    """Read the camera of a depth image ``depth/000000.png`` from ``scene_camera.json``; None without that file.
 
     Raises
     ------
     DatasetError
-        It cannot be read, or says nothing of this image.
+        The file cannot be read, or lacks this image.
     """
     path = image.absolute().parent.parent / "scene_camera.json"
     if not path.exists():
@@ -60,31 +60,31 @@ def camera_of(image: Path) -> Camera | None:
         matrix = np.array(found["cam_K"], dtype=np.float64).reshape(3, 3)
         scale = float(found["depth_scale"])
         if not (np.isfinite(matrix).all() and 0.0 < scale < np.inf):
-            raise ValueError("cam_K and depth_scale must be finite, and the scale above 0")
+            raise ValueError("cam_K and depth_scale must be finite, and depth_scale above 0")
         if matrix[0, 1] or matrix[1, 0]:
             raise ValueError("cam_K must have no skew")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        said = f"it has no {error}" if isinstance(error, KeyError) else describe(error)
+        said = f"{error} is missing" if isinstance(error, KeyError) else describe(error)
         raise DatasetError(escape_control(f"{path}: cannot read the camera of {image.name}: {said}")) from None
     return Camera(image, matrix, scale / MILLIMETRES)
 
 
 def model_number(mesh: Path) -> int | None:
-    """Return the ``obj_id`` of a model of BOP, ``obj_000001.ply`` beside ``models_info.json``; None of other files."""
+    """Return the ``obj_id`` of a BOP model (``obj_000001.ply`` beside ``models_info.json``); None for other files."""
     found = _MODEL.fullmatch(mesh.name)
     return int(found[1]) if found and mesh.with_name("models_info.json").exists() else None
 
 
 def poses_of(document: Any, scans: Sequence[Path], model: int | None) -> list[FloatArray]:
-    """Return of each scan the sensor's pose (4, 4) in the model's space, metres, by ``scene_gt.json``.
+    """Return the sensor's pose (4, 4) in the model's space for each scan, in metres, from ``scene_gt.json``.
 
-    Scans that are named by the numbers of images are these images; others are in their order. Of several objects of
-    the same model in an image the first is taken.
+    Scans whose names are numbers of images belong to these images; other scans follow the order of the images. Where an
+    image has several instances of the model, the first counts.
 
     Raises
     ------
     ValueError, KeyError, TypeError, AttributeError
-        It is not what it should be; an image has not the model; or several objects where `model` is None.
+        The document is malformed; an image lacks the model; or an image has several objects and `model` is None.
     """
     images = {int(number): rows for number, rows in document.items()}
     stems = [int(scan.stem) if scan.stem.isdecimal() else -1 for scan in scans]
@@ -94,11 +94,11 @@ def poses_of(document: Any, scans: Sequence[Path], model: int | None) -> list[Fl
         rows = [row for row in images[number] if model is None or row["obj_id"] == model]
         kinds = sorted({row["obj_id"] for row in rows})
         if not rows:
-            raise ValueError(f"image {number} must have the object {'' if model is None else model}; it has not")
+            raise ValueError(f"image {number} has no object" + ("" if model is None else f" {model}"))
         if len(kinds) > 1:
             raise ValueError(
-                f"image {number} has the objects {', '.join(map(str, kinds))}. Give one's model, models/obj_000001.ply "
-                "beside models_info.json"
+                f"image {number} has the objects {', '.join(map(str, kinds))}. Give the model of one of them "
+                "(models/obj_000001.ply beside models_info.json)"
             )
         pose = np.eye(4)
         pose[:3, :3] = CAMERA_TO_SENSOR @ np.array(rows[0]["cam_R_m2c"], dtype=np.float64).reshape(3, 3)

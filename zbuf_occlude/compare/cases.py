@@ -1,4 +1,4 @@
-"""What is compared: questions (a mesh, points, eyes), methods with options, and the cases that bring both together."""
+"""Questions (a mesh, points, eyes), subjects (a method and its options), and the cases that combine both."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS, find_method
 
 MOST_VIEWS = 15
-"""Views asked by default: every 7th of the paper's 100."""
+"""Default number of views of a question: every 7th of the paper's 100."""
 
 SWEEP: dict[str, tuple[dict[str, Any], ...]] = {
     "depth_buffer": (
@@ -33,7 +33,7 @@ SWEEP: dict[str, tuple[dict[str, Any], ...]] = {
     "exact_hsr": ({}, {"cull": "second"}),
     "occupancy_grid": ({"n": 16}, {"n": 32}, {"n": 64}, {"n": 128}),
 }
-"""Options that are tried by default; a method that is not here is tried with its own defaults."""
+"""Options of the methods compared by default; a method that is not listed runs with its own defaults."""
 
 SCALING, PRESET_VIEWS = "scaling", 5
 IMAGE_SPACE = ("depth_buffer:resolution=512", "pyrender", "exact", "exact_gl", "embree")
@@ -42,7 +42,7 @@ SCALING_SUBJECTS = ("exact_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_r
 POINT_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
 FACE_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000)
 SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
-"""What stays as it is while the other number grows."""
+"""Number of faces while points grow, and of points while faces grow."""
 
 
 # ---- questions ---------------------------------------------------------------------------------------------------
@@ -50,16 +50,16 @@ SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Points of a mesh in random order, and the eyes that are to see them."""
+    """Points of a mesh in random order, and the views from which their visibility is computed."""
 
     key: str  # unique within a comparison
     mesh: Mesh  # world space
-    points: SurfacePoints  # n points; a shorter question takes the first, as good a sample as any
+    points: SurfacePoints  # n points; the first m of them are a random sample too
     views: Views  # k views about the mesh, world units
 
     @cached_property
     def fingerprint(self) -> str:
-        """A hash of all that is asked; equal questions have equal answers."""
+        """Hash of mesh, points and eyes; questions with equal hashes have equal answers."""
         digest = hashlib.sha256()
         mesh, points = self.mesh, self.points
         for array in (mesh.vertices, mesh.faces, points.positions, points.face_ids, self.views.eyes):
@@ -68,17 +68,19 @@ class Question:
         return digest.hexdigest()[:16]
 
     def describe(self) -> dict[str, Any]:
-        """Return what a row says of the question."""
+        """Return the fields of a row that describe the question."""
         faces, vertices, dropped = len(self.mesh.faces), len(self.mesh.vertices), dict(self.mesh.dropped)
         mesh = {"key": self.key, "faces": faces, "vertices": vertices, "dropped": dropped}
         return {"question": self.fingerprint, "mesh": mesh, "n_points": len(self.points)}
 
 
-def ask(key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_views: int = MOST_VIEWS) -> Question:
-    """Put the question: sample the mesh, place the views about it.
+def sample_question(
+    key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_views: int = MOST_VIEWS
+) -> Question:
+    """Sample a mesh and place views about it.
 
-    `key` and `seed` decide the sampling. `views` are about the origin, distances in longest sides; at most
-    `most_views` of them are asked, evenly spread.
+    `key` and `seed` determine the sampling. `views` are about the origin, distances in longest sides; at most
+    `most_views` of them are used, evenly spread.
     """
     rng = np.random.default_rng(seed_of(seed, key))
     points = sample_surface(mesh, n_points=n_points, seed=rng)
@@ -86,19 +88,19 @@ def ask(key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_vi
     return Question(key, mesh, points, thinned(views, most_views).around(mesh.centre, mesh.longest_side))
 
 
-def ask_vertices(key: str, mesh: Mesh, views: Views, *, most_views: int = MOST_VIEWS) -> Question:
-    """Ask for the mesh's vertices instead of samples, as the paper's Table 1A does; they have no face of their own."""
+def question_of_vertices(key: str, mesh: Mesh, views: Views, *, most_views: int = MOST_VIEWS) -> Question:
+    """Return a question about the mesh's vertices, as in the paper's Table 1A; they have no face of their own."""
     points = SurfacePoints.free(mesh.vertices[np.unique(mesh.faces)])
     return Question(key, mesh, points, thinned(views, most_views).around(mesh.centre, mesh.longest_side))
 
 
 def thinned(views: Views, most: int) -> Views:
-    """Return every m-th view, so that at most `most` are left."""
+    """Return every m-th view, with the smallest m that leaves at most `most`."""
     return views.select(np.arange(0, len(views), -(-len(views) // most)))
 
 
 def row_key(question: Question, method: str, options: dict[str, Any], suite: str) -> str:
-    """Return the key of a row: the same suite, question, method and options have the same."""
+    """Return the key of a row: a hash of suite, question, method and options."""
     text = json.dumps([suite, question.fingerprint, method, options], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -124,7 +126,7 @@ class Subject:
 
     @property
     def label(self) -> str:
-        """``name:key=value,...``, as it is typed at the command line."""
+        """``name:key=value,...``, as typed at the command line."""
         options = ",".join(f"{key}={value}" for key, value in self.options.items())
         return f"{self.method}:{options}" if options else self.method
 
@@ -132,7 +134,7 @@ class Subject:
 def default_subjects() -> list[Subject]:
     """Return every method of the table, those of `SWEEP` once for each of their settings.
 
-    Methods that cannot run here are among them, without options: their rows say why.
+    Methods that cannot run here are included without options: their rows hold the reason.
     """
     subjects = []
     for method in METHODS:
@@ -142,7 +144,7 @@ def default_subjects() -> list[Subject]:
 
 
 def subjects_of(labels: Iterable[str]) -> list[Subject]:
-    """Return the subjects of labels ``name:key=int,...``, as far as their methods are in the table."""
+    """Return the subjects of labels ``name:key=int,...`` whose methods are in the table."""
     names, subjects = {method.name for method in METHODS}, []
     for label in labels:
         method, _, text = label.partition(":")
@@ -157,18 +159,18 @@ def subjects_of(labels: Iterable[str]) -> list[Subject]:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A question and the subjects it is put to."""
+    """A question and the subjects that answer it."""
 
-    suite: str  # "meshes", or the preset it belongs to; the report has a section for each
+    suite: str  # "meshes" or a preset's name; the report has a section for each
     label: str
-    make: Callable[[], Question]  # called when its turn comes; may raise OccludeError
+    make_question: Callable[[], Question]  # called when the case is run; may raise OccludeError
     subjects: Sequence[Subject]
-    compared: bool = True  # whether the answers are compared with the reference, or only timed
-    facts: dict[str, Any] | None = None  # copied into each row
-    budget: float | None = None  # seconds of timed calls for each row, if other than the comparison's
+    compared: bool = True  # True if answers are compared with the reference, False if they are only timed
+    facts: dict[str, Any] | None = None  # fields copied into each row
+    budget: float | None = None  # seconds of timed calls for each row; None: the comparison's default
 
 
-def of_meshes(
+def mesh_cases(
     meshes: MeshCollection,
     subjects: Sequence[Subject],
     views_of: Callable[[str], Views],
@@ -177,12 +179,14 @@ def of_meshes(
     seed: int,
     most_views: int,
 ) -> list[Case]:
-    """Return a case for each mesh, of the views that `views_of` gives for its key."""
+    """Return a case for each mesh; `views_of` returns the views of a mesh by its key."""
 
     def question(entry: MeshEntry) -> Question:
         with Limits().watch():
             mesh = entry.load()
-        return ask(entry.key, mesh, views_of(entry.key), n_points=n_points, seed=seed, most_views=most_views)
+        return sample_question(
+            entry.key, mesh, views_of(entry.key), n_points=n_points, seed=seed, most_views=most_views
+        )
 
     short = Counter(Path(entry.key).stem for entry in meshes)
     labels = [stem if short[stem := Path(entry.key).stem] == 1 else entry.key for entry in meshes]
@@ -191,16 +195,18 @@ def of_meshes(
     ]
 
 
-def scaling(seed: int, budget: float | None = None) -> list[Case]:
-    """Return cases that time methods alone, against the number of points and against that of faces.
+def scaling_cases(seed: int, budget: float | None = None) -> list[Case]:
+    """Return cases that only time methods, against the number of points and the number of faces.
 
-    The mesh is a built-in chair whose edges are halved until it has the number of faces; its surface stays.
+    The mesh is a built-in chair whose edges are halved until it has the number of faces; its surface is unchanged.
     """
     subjects = subjects_of(SCALING_SUBJECTS)
 
     def question(n_faces: int, n_points: int) -> Question:
         mesh = shapes.refined(shapes.make("chair", 2), n_faces)
-        return ask(f"chair/{n_faces}", mesh, paper100(), n_points=n_points, seed=seed, most_views=PRESET_VIEWS)
+        return sample_question(
+            f"chair/{n_faces}", mesh, paper100(), n_points=n_points, seed=seed, most_views=PRESET_VIEWS
+        )
 
     sizes = [("points", SWEEP_FACES, n) for n in POINT_SWEEP] + [("faces", f, SWEEP_POINTS) for f in FACE_SWEEP]
     return [

@@ -1,4 +1,4 @@
-"""A child process that calls functions for its parent; its crash or timeout is an exception there and nothing more."""
+"""A child process that calls functions for its parent; a crash or timeout raises an exception in the parent."""
 
 import multiprocessing
 import os
@@ -10,17 +10,18 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-PATIENCE = 5.0
+CLOSE_SECONDS = 5.0
+"""Seconds that `Child.close` waits for the function that runs."""
 
 
-class ChildFailed(Exception):  # noqa: N818  (the caller turns it into a result or an error of ours)
+class ChildFailed(Exception):  # noqa: N818  (internal: callers convert it)
     """The child crashed or timed out; the message is the reason."""
 
 
 class Child:
-    """A spawned process that calls one function after the other; `begin` is called first there.
+    """A spawned process that calls `begin` and then one function after the other.
 
-    It ignores SIGINT, and ends when its parent is gone. Its messages to the parent are pairs of a kind (`progress`,
+    The process ignores SIGINT and ends with its parent. Its messages to the parent are pairs of a kind (`progress`,
     `returned` or `raised`) and a value.
     """
 
@@ -33,14 +34,14 @@ class Child:
         theirs.close()
 
     def start(self, function: Callable[..., Any], *args: Any) -> None:
-        """Have a function called; `answer` returns its result."""
-        with suppress(BrokenPipeError, ConnectionResetError):  # `answer` says how it crashed
+        """Start a call of a function in the child; `answer` returns its result."""
+        with suppress(BrokenPipeError, ConnectionResetError):  # `answer` raises the reason
             self.pipe.send((function, args))
 
     def answer(self, timeout: float | None = None) -> Any:
-        """Return the result of the function that was started, or raise what it raised.
+        """Return the result of the started function, or raise the exception that it raised.
 
-        Raises ChildFailed where the child crashed, or was killed after `timeout` seconds without a message.
+        Raises ChildFailed where the child crashed, or sent no message for `timeout` seconds; the child is then killed.
         """
         while self.pipe.poll(timeout):
             if self.finished():
@@ -49,9 +50,9 @@ class Child:
         raise ChildFailed(f"timed out after {timeout:g} s")
 
     def finished(self, progress: Callable[..., None] = lambda *values: None) -> bool:
-        """Receive a message: whether it was the last of a function, whose result is then in `result`.
+        """Receive a message; return whether the function has returned, with its result in `result`.
 
-        Otherwise `progress` is called with what the function passed to `report_progress`. Raises as `answer`.
+        For a progress message, `progress` is called with the arguments of `report_progress`. Raises as `answer` does.
         """
         try:
             kind, value = self.pipe.recv()
@@ -69,32 +70,32 @@ class Child:
         return bool(kind == "returned")
 
     def close(self) -> None:
-        """End the process when its function returns; at the latest `PATIENCE` seconds later."""
+        """Wait at most `CLOSE_SECONDS` for the function that runs, then end the process."""
         self.pipe.close()
-        self._process.join(PATIENCE)
+        self._process.join(CLOSE_SECONDS)
         self.kill()
 
     def kill(self) -> None:
-        """End the process at once."""
+        """Kill the process."""
         self.pipe.close()
         self._process.kill()
         self._process.join()
 
 
 _pipe: Any = None
-"""In a child, the connection to its parent."""
+"""Connection of a child to its parent; None elsewhere."""
 
 
 def report_progress(*values: Any) -> None:
-    """In a child: report progress to the parent."""
+    """Report progress from a child to its parent."""
     _pipe.send(("progress", values))
 
 
 def _serve(pipe: Connection, begin: Callable[[], None] | None) -> None:
-    """Call functions until the pipe ends; the main function of the child."""
+    """Call functions until the pipe is closed; the main function of the child."""
     global _pipe
     _pipe = pipe
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt means
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interrupts
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
@@ -110,5 +111,5 @@ def _serve(pipe: Connection, begin: Callable[[], None] | None) -> None:
         except Exception as error:
             try:
                 pipe.send(("raised", pickle.loads(pickle.dumps(error))))
-            except Exception:  # not every exception can be pickled
+            except Exception:  # an exception that cannot be pickled
                 pipe.send(("raised", RuntimeError(f"{type(error).__name__}: {error}")))

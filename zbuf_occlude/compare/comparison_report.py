@@ -17,15 +17,15 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.compare.metrics import (
     Ranking,
     Row,
-    advice,
+    best_rival,
     fit_exponent,
-    front,
-    milliseconds,
+    format_error,
+    format_milliseconds,
+    format_percent,
+    pareto_front,
+    rank_subjects,
     representatives,
     seconds_for_all_points,
-    share,
-    standings,
-    wrong_outside,
 )
 from zbuf_occlude.compare.run import ROWS, ComparisonFolder
 from zbuf_occlude.drawing import pages
@@ -39,12 +39,12 @@ OUTCOMES = (
     ("false visible: shown, but hidden", (213, 94, 0), True),
     ("false hidden: dropped, but visible", (148, 0, 130), True),
 )
-"""Name, colour and whether it is shown at first, by the outcome's number in `metrics`."""
+"""Name, colour and initial visibility of each outcome, in the order of their numbers in `metrics`."""
 HEADINGS = {
     "resolution": "Error against resolution and against the size of the grid",
     "elevation": "Error against the camera's elevation",
-    "where": "Where the errors lie: distance from the nearest silhouette, angle of incidence",
-    "scaling": "How cost grows: N points, M faces; exponents fitted to the three largest",
+    "where": "Error against distance from the nearest silhouette and angle of incidence",
+    "scaling": "Time against N points and M faces; exponents fitted to the three largest",
 }
 NONE = "–"
 COLOURS = {
@@ -63,15 +63,15 @@ COLOURS = {
 }
 MARKS = {"exact": "*", "exact_gl": "*", "oracle": "s", "embree": "D", "pyrender": "v", "hidden_point_removal": "^"}
 SIDES = ("left", "right")
-"""Which side of a label lies at its mark."""
+"""Side of a label that is at its mark."""
 
 
 def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Table]] = lambda rows: []) -> list[Path]:
     """Write the report of a comparison's folder; return the paths of report.html, report.md and the plots.
 
-    `extra_tables` makes further tables of all rows, such as those of presets. Computes no visibility. The HTML holds
-    everything it shows; the Markdown links the plots in its folder. Raises DatasetError where there is no row, or a
-    damaged file.
+    `extra_tables` makes further tables of all rows, such as those of presets. No visibility is computed. The HTML is
+    self-contained; the Markdown links the plots in its folder. Raises DatasetError where there is no row, or where a
+    file is damaged.
     """
     store = ComparisonFolder(folder)
     rows = list(store.rows().values())
@@ -80,10 +80,12 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
             f"{folder} must hold a comparison's {ROWS} with rows; it has none. Run compare --out {folder}."
         )
     of_meshes = [row for row in rows if row["suite"] == "meshes"]
-    ranking = standings(of_meshes)
+    ranking = rank_subjects(of_meshes)
     first: list[Section] = []
     if ranking:
-        best = "Left and low is good. The grey staircase joins what nothing beats in both error and time."
+        best = (
+            "Left and low is good. Grey staircase: the Pareto front, where no method is better in both error and time."
+        )
         first += [table_of_answers(ranking), Picture("pareto", as_png(pareto(ranking)), caption=best)]
     figures = {
         "resolution": error_against_setting(of_meshes),
@@ -101,8 +103,8 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     return pages.write_pages(
         folder,
         "report",
-        "Hidden-surface removal: how wrong, how fast, when to use which",
-        answers=[finding(ranking)] if any(s.wrong == 0.0 for s in ranking) else [],
+        "Hidden-surface removal: error and time of each method",
+        answers=[],
         facts=[facts_of_rows(rows)],
         first=first,
         sections=sections,
@@ -112,63 +114,44 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     )
 
 
-def finding(ranking: Sequence[Ranking]) -> str:
-    """Return the answer in a sentence: the fastest that is never wrong, the depth buffer and the paper's grid."""
-    best = min((s for s in ranking if s.wrong == 0.0), key=lambda s: s.seconds)
-    text = (
-        f"**`{best.subject}`** was right in all {best.pairs:,} compared answers and took "
-        f"{milliseconds(best.seconds)} ms per view"
-    )
-    least = next((s for s in ranking if s.method == "depth_buffer"), None)
-    if least and least.wrong > 0:
-        text += f"; the best depth buffer errs {share(least.wrong)} in {milliseconds(least.seconds)} ms"
-    if grids := [s.wrong for s in ranking if s.method == "occupancy_grid"]:
-        text += f"; the paper's occupancy grid errs {share(min(grids))} to {share(max(grids))}"
-    return text + "."
-
-
 def facts_of_rows(rows: Sequence[Row]) -> str:
-    """Return what was measured, and on which machine."""
+    """Return the numbers of rows and cases, the machines and the renderers."""
     ok = [row for row in rows if row["status"] == "ok"]
     renderers = sorted({row["timed"]["renderer"] for row in ok} - {"none"})
     text = f"{len(ok)} rows on {len({row['case'] for row in ok})} meshes or cases; "
     text += f"{', '.join(sorted({row['machine'] for row in rows}))}; OpenGL: {', '.join(renderers) or 'not used'}"
     if any(word in name.lower() for name in renderers for word in ("llvmpipe", "softpipe", "swrast")):
-        text += " (a software rasteriser: on a GPU the times of methods that render are others)"
+        text += " (a software rasteriser: methods that render are faster on a GPU)"
     return text + "."
 
 
 def table_of_answers(ranking: Sequence[Ranking]) -> Table:
-    """Return the first screen's table: which method is how wrong, how fast, and when to use which."""
-    words, best = advice(ranking), front(ranking)
-    rows = [
-        [
-            f"**`{one.subject}`**" if one.subject in best else f"`{one.subject}`",
-            share(one.wrong),
-            approximately(one),
-            words[one.subject],
-        ]
-        for one in representatives(ranking)
-    ]
-    return Table("", ["method", "wrong", "ms per view", "use it"], rows, texts=(0, 3))
+    """Return the table of the first screen: error and time of each method, and the method that is better in both."""
+    rows = []
+    for one in representatives(ranking):
+        rival, name = best_rival(one, ranking), f"`{one.subject}`"
+        better = [NONE, NONE] if rival is None else [f"`{rival.subject}`", f"{one.seconds / rival.seconds:,.1f}"]
+        rows.append([name if rival else f"**{name}**", format_percent(one.wrong), format_time(one), *better])
+    note = "Bold: on the Pareto front. Better method: no more errors and no slower; the last column is its speed-up."
+    return Table("", ["method", "wrong", "ms per view", "better method", "times as fast"], rows, note, texts=(0, 3))
 
 
-def approximately(one: Ranking) -> str:
-    """Write a standing's time, marked when it was scaled up from fewer points."""
-    return ("≈ " if one.extrapolated else "") + milliseconds(one.seconds)
+def format_time(one: Ranking) -> str:
+    """Format the milliseconds per view; ≈ marks times scaled up from fewer points."""
+    return ("≈ " if one.extrapolated else "") + format_milliseconds(one.seconds)
 
 
 def table_of_subjects(ranking: Sequence[Ranking]) -> Table:
-    """Return the table of every subject with every measure, means over the meshes."""
+    """Return the table of all subjects and measures, means over the meshes."""
     columns: dict[str, Callable[[Ranking], str]] = {
         "subject": lambda s: f"`{s.subject}`",
-        "wrong": lambda s: share(s.wrong),
-        "false visible": lambda s: share(s.false_visible),
-        "false hidden": lambda s: share(s.false_hidden),
-        "in the band": lambda s: share(s.band),
+        "wrong": lambda s: format_percent(s.wrong),
+        "false visible": lambda s: format_percent(s.false_visible),
+        "false hidden": lambda s: format_percent(s.false_hidden),
+        "in the band": lambda s: format_percent(s.band),
         "Chamfer": lambda s: NONE if s.chamfer is None else f"{s.chamfer:.2g}",
-        "ms per view": approximately,
-        "ms to prepare": lambda s: milliseconds(s.build),
+        "ms per view": format_time,
+        "ms to prepare": lambda s: format_milliseconds(s.build),
         "M points/s": lambda s: f"{s.points_per_second / 1e6:.3g}",
         "peak MiB": lambda s: NONE if s.memory is None else f"{s.memory / 2**20:,.0f}",
         "meshes": lambda s: f"{s.n_meshes}",
@@ -178,11 +161,11 @@ def table_of_subjects(ranking: Sequence[Ranking]) -> Table:
         "Every subject",
         list(columns),
         [[cell(one) for cell in columns.values()] for one in ranking],
-        "Wrong, false visible, false hidden: shares of the compared pairs of view and point outside the boundary band, "
-        "as many as the last column says (a slow method is asked from fewer of the views), "
-        "mean over the meshes. Chamfer: between the method's cloud and the reference's, in longest sides. Times: "
-        "geometric means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while "
-        "preparing and asking, the largest over the meshes.",
+        "Wrong, false visible, false hidden: fractions of the compared pairs of view and point outside the boundary "
+        "band, means over the meshes. The last column is the number of these pairs; slow methods are asked from fewer "
+        "views. Chamfer: distance between the method's cloud and the reference's, in longest sides. Times: geometric "
+        "means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while preparing and "
+        "answering, the largest over the meshes.",
     )
 
 
@@ -194,15 +177,15 @@ def table_by_mesh(rows: Sequence[Row]) -> Table:
         case, faces = row["case"], row.get("mesh", {}).get("faces")
         heads[case] = f"{verbatim(case)} ({faces:,} faces)" if faces else heads.get(case, verbatim(case))
         if row["status"] == "ok":
-            wrong = wrong_outside(row)
-            cells[case, row["subject"]] = f"{wrong} · {milliseconds(seconds_for_all_points(row))} ms"
-    subjects = [one.subject for one in standings(rows)]
+            wrong = format_error(row)
+            cells[case, row["subject"]] = f"{wrong} · {format_milliseconds(seconds_for_all_points(row))} ms"
+    subjects = [one.subject for one in rank_subjects(rows)]
     body = [[f"`{subject}`", *(cells.get((case, subject), NONE) for case in heads)] for subject in subjects]
     return Table("Mesh by mesh: wrong outside the band · time a view", ["subject", *heads.values()], body)
 
 
 def table_of_failures(rows: Sequence[Row]) -> list[Table]:
-    """Return the table of what failed or cannot run here, equal reasons together; none where nothing did."""
+    """Return the table of failed and unavailable subjects, grouped by reason; an empty list without failures."""
     reasons: dict[tuple[str, str, str], list[str]] = {}
     for row in rows:
         if row["status"] != "ok":
@@ -215,27 +198,27 @@ def table_of_failures(rows: Sequence[Row]) -> list[Table]:
 
 
 def definitions(rows: Sequence[Row]) -> Table:
-    """Return what the report's words mean."""
+    """Return the table of the report's terms."""
     band = max((row["judged"]["band"] for row in rows if row["status"] == "ok" and "judged" in row), default=0.0)
     words = {
         "wrong": "the answer differs from the reference's: `oracle`, brute force over all faces in float64",
         "false visible": "the method shows a point that is hidden in the reference",
         "false hidden": "the method drops a point that is visible in the reference",
         "boundary band": "pairs whose answer changes when the line's end moves by 1e-6 of the diagonal, or with half "
-        f"or twice the contact tolerance; at most {share(band)} of the pairs of a row",
-        "footprint": "what a pixel of a 512 x 512 image around the mesh covers: 1/512 of its diagonal",
-        "time a view": "median wall clock of a call with all views, divided by them; warmed up, preparing not counted",
+        f"or twice the contact tolerance; at most {format_percent(band)} of the pairs of a row",
+        "footprint": "size of a pixel of a 512 x 512 image around the mesh: 1/512 of its diagonal",
+        "time a view": "median wall clock of a call with all views, divided by their number; preparing not included",
     }
     return Table("Words", ["", ""], list(words.items()), texts=range(2))
 
 
 def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[Ranking]) -> dict[str, Any]:
-    """Collect what the viewer shows: each mesh's points, and the outcomes of each subject's worst view of it."""
+    """Return the data of the viewer: the points of each mesh, and the outcomes in the worst view of each subject."""
     clouds: dict[str, Any] = {}
     order = {one.subject: i for i, one in enumerate(ranking)}
     shown = [row for row in rows if row["suite"] == "meshes" and row["status"] == "ok" and "worst" in row]
     for row in sorted(shown, key=lambda row: (row["case"], order[row["subject"]])):
-        question = store.load("questions", row["question"])
+        question = store.load_arrays("questions", row["question"])
         if row["case"] not in clouds:
             cloud = pack_cloud(
                 question["positions"],
@@ -244,7 +227,7 @@ def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[
                 normals=question["normals"],
             )
             clouds[row["case"]] = {**cloud, "worst": {}}
-        outcomes = store.load("worst", row["key"])["outcomes"]
+        outcomes = store.load_arrays("worst", row["key"])["outcomes"]
         x, y, z = question["eyes"][row["worst"]["view"]] - question["centre"]
         clouds[row["case"]]["worst"][row["subject"]] = {
             "n": len(outcomes),
@@ -265,17 +248,17 @@ def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[
 
 
 def subject_shown_first(ranking: Sequence[Ranking]) -> str:
-    """Return whose worst views the page opens on: the default method's, at its default resolution where it has rows."""
+    """Return the subject whose worst views are shown first: the default method, at its default resolution if there."""
     subjects = [one.subject for one in ranking]
     for subject in ("depth_buffer", "depth_buffer:resolution=512"):
         if subject in subjects:
             return subject
-    telling = [s for s in ranking if s.method == "depth_buffer"] or [s for s in ranking if s.wrong > 0] or [*ranking]
-    return telling[0].subject if telling else ""
+    shown = [s for s in ranking if s.method == "depth_buffer"] or [s for s in ranking if s.wrong > 0] or [*ranking]
+    return shown[0].subject if shown else ""
 
 
 def pack_outcomes(outcomes: Any) -> str:
-    """Pack outcomes 0..3 four to a byte, the first lowest, as base64."""
+    """Pack outcomes 0..3 four to a byte, lowest bits first, as base64."""
     bits = outcomes[:, None] >> np.arange(2) & 1
     return base64.b64encode(np.packbits(bits, bitorder="little").tobytes()).decode()
 
@@ -284,12 +267,12 @@ def pack_outcomes(outcomes: Any) -> str:
 
 
 def colour(method: str) -> str:
-    """Return a method's colour; a method without one is grey."""
+    """Return the colour of a method; methods without one are grey."""
     return COLOURS.get(method, "#888888")
 
 
 def percent_log(axes: Axes, zero: float = 0.0) -> None:
-    """Make y a logarithmic axis of percentages, numbers at 1, 2 and 5; or of powers of ten with a place for 0."""
+    """Make y a logarithmic axis of percentages with ticks at 1, 2 and 5; with `zero`, at powers of ten and 0."""
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if zero else (1.0, 2.0, 5.0), numticks=12 if zero else 20))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y <= zero * 1.001 else f"{100 * y:g} %"))
@@ -300,19 +283,19 @@ def percent_log(axes: Axes, zero: float = 0.0) -> None:
 
 
 def plain_axis(axis: Any) -> None:
-    """Write a logarithmic axis' numbers out instead of as powers of ten."""
+    """Label a logarithmic axis with plain numbers instead of powers of ten."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def pareto(ranking: Sequence[Ranking]) -> Figure:
-    """Error against time of all subjects, settings of one method joined, the Pareto front drawn as a staircase."""
+    """Plot error against time of all subjects; lines join settings of a method, a staircase is the Pareto front."""
     figure, (axes,) = canvas(7.2, 5.0)
     least = min((s.wrong for s in ranking if s.wrong > 0), default=1e-3)
-    zero = float(10.0 ** (np.floor(np.log10(least)) - 1.0))  # the place of 0
+    zero = float(10.0 ** (np.floor(np.log10(least)) - 1.0))  # the position of 0 on the axis
     percent_log(axes, zero)
     place = {s.subject: (1e3 * s.seconds, max(s.wrong, zero)) for s in ranking}
-    best = sorted((place[name] for name in front(ranking)), key=lambda at: at[0])
+    best = sorted((place[name] for name in pareto_front(ranking)), key=lambda at: at[0])
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#bbbbbb", linewidth=5, alpha=0.5)
     for family in dict.fromkeys(_family(s.subject) for s in ranking):
         group = sorted((s for s in ranking if _family(s.subject) == family), key=lambda s: s.seconds)
@@ -334,7 +317,7 @@ def pareto(ranking: Sequence[Ranking]) -> Figure:
 
 
 def _family(subject: str) -> str:
-    """What stays of a label when its numbers vary: the subjects of a family are joined by a line."""
+    """Return a label without its numbers; the plot joins subjects of equal family by a line."""
     return re.sub(r"\d+", "", subject)
 
 
@@ -347,13 +330,12 @@ def brief(subject: str) -> str:
 def label_points(
     figure: Figure, axes: Axes, labels: Sequence[tuple[tuple[float, float], str, str]], sides: Sequence[str] = SIDES
 ) -> None:
-    """Write a label beside each place, moved up or down until none covers another, a mark or a line.
+    """Write labels (position, text, colour) beside their marks without overlaps of labels, marks and lines.
 
-    Places are in data coordinates, labels (place, text, colour). Greedy: each label takes the first free of some
-    places around its mark.
+    Positions are in data coordinates. The method is greedy: each label takes the first free one of several offsets.
     """
     figure.canvas.draw()
-    figure.set_layout_engine("none")  # what was measured stays where it is
+    figure.set_layout_engine("none")  # keep the layout that was measured
     height, width = 11.5, 5.2  # points of text at size 8: line, character
     to_points = 72.0 / figure.dpi
     places = [axes.transData.transform(place) * to_points for place, _, _ in labels]
@@ -382,8 +364,8 @@ def label_points(
 
 
 def _along(line: Any, to_points: float) -> FloatArray:
-    """Return places (n, 2) all along a drawn line, in points of text, some 3 apart."""
-    if line.get_alpha() == 0:  # it joins nothing
+    """Return positions (n, 2) along a drawn line, in typographic points."""
+    if line.get_alpha() == 0:  # invisible: the family has one subject
         return np.zeros((0, 2))
     corners = line.axes.transData.transform(line.get_xydata()) * to_points
     corners = corners[np.isfinite(corners).all(axis=1)]
@@ -396,8 +378,8 @@ def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 
 
 def error_against_setting(rows: Sequence[Row]) -> Figure | None:
-    """Error against the resolution of image-space methods and against the size of grids, one line a method."""
-    ranking = standings(rows)
+    """Plot error against the resolution of image-space methods and the size of grids, a line for each method."""
+    ranking = rank_subjects(rows)
     options = {row["subject"]: row["options"] for row in rows}
     panels = []
     for key, title in (("resolution", "pixels on a side of the image"), ("n", "cells on a side of the grid")):
@@ -429,7 +411,7 @@ def error_against_setting(rows: Sequence[Row]) -> Figure | None:
 
 
 def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Ranking]) -> Figure | None:
-    """Error against the camera's elevation, mean over meshes and azimuths; None of a single elevation."""
+    """Plot error against the camera's elevation, mean over meshes and azimuths; None for a single elevation."""
     shown = [s for s in representatives(ranking) if s.wrong > 0]
     judged = [row["judged"]["views"] for row in rows if row["status"] == "ok"]
     if not shown or len({round(view["elevation"]) for views in judged for view in views}) < 2:
@@ -443,7 +425,7 @@ def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Ranking]) -> 
                 for view in (view for view in row["judged"]["views"] if view["outside"]["n"]):
                     sums.setdefault(round(view["elevation"]), []).append(1.0 - view["outside"]["agreement"])
         elevations = sorted(sums)
-        means = [float(np.mean(sums[e])) or np.nan for e in elevations]  # a logarithm has no place for 0
+        means = [float(np.mean(sums[e])) or np.nan for e in elevations]  # a logarithmic axis has no 0
         axes.plot(elevations, means, color=colour(one.method), marker="o", markersize=3.5, linewidth=1.4)
         last = int(np.flatnonzero(np.isfinite(means))[-1])
         labels.append(((elevations[last], means[last]), brief(one.subject), colour(one.method)))
@@ -457,7 +439,7 @@ def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Ranking]) -> 
 
 
 def error_by_place(rows: Sequence[Row], ranking: Sequence[Ranking]) -> Figure | None:
-    """Error by distance from the nearest silhouette and by angle of incidence."""
+    """Plot error against distance from the nearest silhouette and against angle of incidence."""
     shown = [s for s in representatives(ranking) if s.wrong > 0]
     if not shown:
         return None
@@ -476,7 +458,7 @@ def error_by_place(rows: Sequence[Row], ranking: Sequence[Ranking]) -> Figure | 
 
 
 def _pooled(rows: Sequence[Row], subject: str, key: str) -> tuple[list[float], list[str]]:
-    """Share of wrong answers in each bin over all meshes (nan where a bin is empty or has no error), and its name."""
+    """Return the error of each bin over all meshes (NaN without an error), and the names of the bins."""
     totals: dict[Any, list[int]] = {}
     for row in rows:
         if row["subject"] == subject and row["status"] == "ok":
@@ -490,7 +472,7 @@ def _pooled(rows: Sequence[Row], subject: str, key: str) -> tuple[list[float], l
 
 
 def time_against_size(rows: Sequence[Row]) -> Figure:
-    """Time a view against the numbers of points and of faces, with exponents fitted to the larger half."""
+    """Plot time per view against numbers of points and faces, with exponents fitted to the three largest."""
     figure, all_axes = canvas(11.0, 4.6, 2)
     every_label = []
     for axes, sweep, key in zip(all_axes, ("points", "faces"), ("n_points", "faces"), strict=True):

@@ -1,4 +1,4 @@
-"""Errors of an answer against the reference's, and what they come to over all meshes: which method when."""
+"""Errors of a method against the reference, and the ranking of methods over all meshes."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -10,16 +10,16 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
 Row = dict[str, Any]
-"""What is stored of a subject on a case; see `run`."""
+"""Stored result of a subject on a case; see `run`."""
 SILHOUETTE_EDGES = (0.125, 0.25, 0.5, 1.0, 2.0)
-"""Upper ends of the bins of distance from the nearest silhouette, in footprints; a last bin has no upper end."""
+"""Upper ends of the bins of distance from the nearest silhouette, in footprints; the last bin is open."""
 INCIDENCE_EDGES = (15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 90.0)
 """Upper ends of the bins of the angle of incidence, in degrees."""
 FOOTPRINTS = 512
-"""Footprints per diagonal: one is what a pixel of a 512 x 512 image around the mesh covers at the target."""
+"""Footprints per diagonal; a footprint is the size of a pixel of a 512 x 512 image around the mesh."""
 
 TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
-"""The four outcomes of a pair of view and point, as stored for the worst views."""
+"""Outcomes of a pair of view and point, as stored for the worst views."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,7 +28,7 @@ class ReferenceAnswer:
 
     truth: BoolArray  # (k, n), True = visible
     decided: BoolArray  # (k, n), False in the boundary band
-    silhouette: FloatArray  # (k, n), in footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond
+    silhouette: FloatArray  # (k, n), footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond
     incidence: FloatArray  # (k, n), angle between line of sight and normal, degrees
 
 
@@ -36,7 +36,7 @@ class ReferenceAnswer:
 class ComparedPairs(ReferenceAnswer):
     """Pairs of view and point that a method and the reference both answered."""
 
-    answer: BoolArray  # (k, n), the method's
+    answer: BoolArray  # (k, n), the method's answer, True = visible
     positions: FloatArray  # (n, 3), world space, in longest sides of the mesh
 
     def view(self, i: int) -> "ComparedPairs":
@@ -46,13 +46,13 @@ class ComparedPairs(ReferenceAnswer):
 
 
 def outcomes(answer: BoolArray, truth: BoolArray) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return which of the four outcomes each pair is; uint8 of the masks' shape."""
+    """Return the outcome of each pair, uint8 of the masks' shape."""
     codes = np.where(truth, np.where(answer, TRUE_VISIBLE, FALSE_HIDDEN), np.where(answer, FALSE_VISIBLE, TRUE_HIDDEN))
     return codes.astype(np.uint8)
 
 
 def count_errors(answer: BoolArray, truth: BoolArray, where: BoolArray | None = None) -> dict[str, int]:
-    """Count pairs and errors, `where` given only among those pairs: n, false_visible, false_hidden."""
+    """Count the pairs, or those of the mask `where`, and their errors: n, false_visible, false_hidden."""
     where = np.ones_like(truth) if where is None else where
     return {
         "n": int(where.sum()),
@@ -62,7 +62,7 @@ def count_errors(answer: BoolArray, truth: BoolArray, where: BoolArray | None = 
 
 
 def as_fractions(counts: dict[str, int]) -> dict[str, Any]:
-    """Turn counts of `count_errors` into n, agreement, false_visible, false_hidden as fractions of n; None of none."""
+    """Turn counts of `count_errors` into n and fractions: agreement, false_visible, false_hidden; None if n is 0."""
     n, wrong = counts["n"], counts["false_visible"] + counts["false_hidden"]
     if not n:
         return {"n": 0, "agreement": None, "false_visible": None, "false_hidden": None}
@@ -77,10 +77,10 @@ def as_fractions(counts: dict[str, int]) -> dict[str, Any]:
 def count_by_bin(
     answer: BoolArray, truth: BoolArray, values: FloatArray, edges: tuple[float, ...]
 ) -> list[dict[str, Any]]:
-    """Count errors by the bin that each pair's value (k, n) falls in.
+    """Count the errors in bins of a value (k, n) of each pair.
 
-    `edges` are the upper ends, increasing; what lies above the last goes into one more bin if there is any. Each bin
-    is the counts of `count_errors` and `upto`, None for the open one.
+    `edges` are the upper ends, increasing; an open bin follows where any value is above the last. A bin holds the
+    counts of `count_errors` and `upto`, its upper end, None for the open bin.
     """
     which = np.searchsorted(edges, values, side="left")
     bins: list[dict[str, Any]] = [
@@ -90,9 +90,9 @@ def count_by_bin(
 
 
 def incidence_degrees(points: SurfacePoints, eyes: FloatArray) -> FloatArray:
-    """Return the angle between each line of sight and the point's normal, of either sign: 0 head on, 90 grazing.
+    """Return the angles (k, n) between lines of sight and normals of n points, degrees: 0 head on, 90 grazing.
 
-    (k, n) degrees of n points with unit normals and (k, 3) eyes in world space.
+    The sign of the unit normals does not count. Eyes (k, 3) are in world space.
     """
     towards = eyes[:, None] - points.positions[None]
     length = np.maximum(np.linalg.norm(towards, axis=2), np.finfo(np.float64).tiny)
@@ -101,10 +101,10 @@ def incidence_degrees(points: SurfacePoints, eyes: FloatArray) -> FloatArray:
 
 
 def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float | None:
-    """Return the Chamfer distance between the clouds that two masks (n,) cut out of positions (n, 3).
+    """Return the Chamfer distance between the clouds that two masks (n,) select from positions (n, 3).
 
-    The mean distance from each cloud's points to the other's nearest, both directions added; None where one of the
-    clouds is empty and the other is not. Points in both have distance 0, so only the disagreements are searched:
+    It is the mean distance from a cloud's points to the nearest of the other cloud, summed over both directions; None
+    where exactly one of the clouds is empty. Points in both clouds have distance 0, so only wrong points are searched:
     O(wrong x n).
     """
     if not answer.any() or not truth.any():
@@ -115,14 +115,14 @@ def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float
 
 
 def mean_chamfer(pairs: ComparedPairs) -> float | None:
-    """Return the mean over views of `chamfer`, in longest sides; None where a cloud is empty in all of them."""
+    """Return the mean of `chamfer` over views, in longest sides; None where it is undefined in all views."""
     distances = [chamfer(pairs.positions, a, t) for a, t in zip(pairs.answer, pairs.truth, strict=True)]
     known = [distance for distance in distances if distance is not None]
     return float(np.mean(known)) if known else None
 
 
 def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
-    """Distance of each position to the nearest point of a cloud; blocks keep the memory small."""
+    """Return the distance of each position to the nearest point of a cloud; blocks limit the memory."""
     nearest = np.empty(len(positions))
     for start in range(0, len(positions), 256):
         block = positions[start : start + 256]
@@ -132,7 +132,7 @@ def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
 
 
 def measures_per_view(pairs: ComparedPairs) -> dict[str, Any]:
-    """Return what is measured of each view and of all: shares of the pairs, and errors outside the boundary band."""
+    """Return the measures of a view or of all views: fractions of the pairs, and errors outside the boundary band."""
     return {
         **as_fractions(count_errors(pairs.answer, pairs.truth)),
         "outside": as_fractions(count_errors(pairs.answer, pairs.truth, pairs.decided)),
@@ -143,7 +143,7 @@ def measures_per_view(pairs: ComparedPairs) -> dict[str, Any]:
 
 
 def measures(pairs: ComparedPairs) -> dict[str, Any]:
-    """Return what is measured of all views together, as JSON has it; a new measure is one line."""
+    """Return the measures of all views together as plain data."""
     return {
         **measures_per_view(pairs),
         "by_silhouette": count_by_bin(pairs.answer, pairs.truth, pairs.silhouette, SILHOUETTE_EDGES),
@@ -157,41 +157,41 @@ def measures(pairs: ComparedPairs) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Ranking:
-    """What one subject did over all meshes on which it ran.
+    """Errors and times of a subject over all meshes on which it ran.
 
-    Errors are fractions of the compared pairs outside the boundary band, mean over the meshes; times are geometric
+    Errors are fractions of the compared pairs outside the boundary band, means over the meshes; times are geometric
     means.
     """
 
     subject: str
     method: str
     n_meshes: int
-    pairs: int  # of view and point, outside the boundary band
+    pairs: int  # pairs of view and point outside the boundary band
     wrong: float
     false_visible: float
     false_hidden: float
     band: float  # fraction of pairs in the band
     chamfer: float | None  # in longest sides
-    seconds: float  # of a view of all the question's points
-    extrapolated: bool  # whether `seconds` was, somewhere, scaled up from fewer points
+    seconds: float  # seconds per view of all the question's points
+    extrapolated: bool  # True if `seconds` was scaled up from fewer points on any mesh
     build: float  # seconds to prepare a mesh
-    memory: float | None  # bytes, the largest
+    memory: float | None  # bytes, the largest over the meshes
     points_per_second: float
 
 
-def standings(rows: Iterable[Row]) -> list[Ranking]:
-    """Return the standing of every subject that was measured and compared, the least wrong first, then the fastest.
+def rank_subjects(rows: Iterable[Row]) -> list[Ranking]:
+    """Rank all subjects that were measured and compared: the least wrong first, then the fastest.
 
-    Meshes of which no pair lies outside the boundary band tell nothing, and are left out.
+    Meshes without a pair outside the boundary band are left out.
     """
     groups: dict[str, list[Row]] = {}
     for row in rows:
         if row["status"] == "ok" and "judged" in row and row["judged"]["outside"]["n"]:
             groups.setdefault(row["subject"], []).append(row)
-    return sorted((_standing(group) for group in groups.values()), key=lambda s: (s.wrong, s.seconds))
+    return sorted((_summarise(group) for group in groups.values()), key=lambda s: (s.wrong, s.seconds))
 
 
-def _standing(rows: Sequence[Row]) -> Ranking:
+def _summarise(rows: Sequence[Row]) -> Ranking:
     outside = [row["judged"]["outside"] for row in rows]
     chamfers = [row["judged"]["chamfer"] for row in rows if row["judged"]["chamfer"] is not None]
     memories = [row["timed"]["peak_memory"] for row in rows if row["timed"]["peak_memory"] is not None]
@@ -215,77 +215,41 @@ def _standing(rows: Sequence[Row]) -> Ranking:
 
 
 def seconds_for_all_points(row: Row) -> float:
-    """Seconds a view of all the question's points; scaled up linearly where fewer were asked."""
+    """Return the seconds per view of all the question's points, scaled up linearly where fewer were asked."""
     timed = row["timed"]
     return float(timed["seconds_per_view"] * row["n_points"] / timed["n_points"])
 
 
-def front(ranking: Sequence[Ranking]) -> set[str]:
-    """Return the subjects that nothing beats in both error and time: the Pareto front."""
-    return {a.subject for a in ranking if not any(_beats(b, a) for b in ranking)}
+def best_rival(one: Ranking, ranking: Iterable[Ranking]) -> Ranking | None:
+    """Return the least wrong subject that is better in error or time and worse in neither; None if there is none."""
+    rivals = (a for a in ranking if a.wrong <= one.wrong and a.seconds <= one.seconds)
+    better = (a for a in rivals if a.wrong < one.wrong or a.seconds < one.seconds)
+    return min(better, key=lambda a: (a.wrong, a.seconds), default=None)
 
 
-def advice(ranking: Sequence[Ranking]) -> dict[str, str]:
-    """Say of every subject of a ranking (of `standings`) when to use it, from what was measured alone."""
-    best = front(ranking)
-    right = [s for s in ranking if s.wrong == 0.0]
-    fastest_right = min(right, key=lambda s: s.seconds) if right else None
-    words = {}
-    for one in ranking:
-        if one is fastest_right:
-            others = [s for s in right if s.method != one.method]
-            runner_up = min(others, key=lambda s: s.seconds) if others else None
-            words[one.subject] = "whenever the answer must be right"
-            if runner_up:
-                longer = times(runner_up.seconds, one.seconds)
-                words[one.subject] += f"; the next that is never wrong, `{runner_up.subject}`, takes {longer} as long"
-        elif one.wrong == 0.0 and fastest_right is not None:
-            words[one.subject] = (
-                f"as a check of the others; `{fastest_right.subject}` answers the same "
-                f"{times(one.seconds, fastest_right.seconds)} as fast"
-            )
-        elif one.subject in best:
-            rival = fastest_right or ranking[0]
-            gain = "nothing errs less" if rival is one else f"{times(rival.seconds, one.seconds)} as fast as"
-            name = "" if rival is one else f" `{rival.subject}`"
-            words[one.subject] = f"when {share(one.wrong)} wrong is good enough: {gain}{name}"
-        else:
-            rival = min((s for s in ranking if _beats(s, one)), key=lambda s: (s.wrong, s.seconds))
-            errs = "is never wrong" if rival.wrong == 0.0 else f"errs {share(rival.wrong)}"
-            words[one.subject] = (
-                f"not here: `{rival.subject}` {errs} and is {times(one.seconds, rival.seconds)} as fast"
-            )
-    return words
+def pareto_front(ranking: Sequence[Ranking]) -> set[str]:
+    """Return the subjects that no other subject dominates in error and time."""
+    return {one.subject for one in ranking if best_rival(one, ranking) is None}
 
 
-def _beats(a: Ranking, b: Ranking) -> bool:
-    return a.wrong <= b.wrong and a.seconds <= b.seconds and (a.wrong < b.wrong or a.seconds < b.seconds)
-
-
-def times(slow: float, fast: float) -> str:
-    """Say how many times longer, e.g. ``3.4 times``."""
-    ratio = slow / fast
-    return f"{ratio:.1f} times" if ratio < 10 else f"{ratio:,.0f} times"
-
-
-def share(fraction: float) -> str:
-    """Write a fraction as a percentage of two digits, e.g. ``0.13 %``; never 0 when it is not."""
+def format_percent(fraction: float) -> str:
+    """Format a fraction as a percentage of two significant digits, e.g. ``0.13 %``."""
     return f"{_digits(100.0 * fraction, 2)} %"
 
 
-def wrong_outside(row: Row) -> str:
-    """Write the share of a row's pairs outside the boundary band that are wrong; a dash where there is none."""
+def format_error(row: Row) -> str:
+    """Format the fraction of a row's pairs outside the boundary band that are wrong; a dash without such pairs."""
     agreement = row["judged"]["outside"]["agreement"]
-    return "–" if agreement is None else share(1.0 - agreement)
+    return "–" if agreement is None else format_percent(1.0 - agreement)
 
 
-def milliseconds(seconds: float) -> str:
-    """Write seconds as milliseconds of three digits."""
+def format_milliseconds(seconds: float) -> str:
+    """Format seconds as milliseconds of three significant digits."""
     return _digits(1e3 * seconds, 3)
 
 
 def _digits(value: float, n: int) -> str:
-    """Write a number with n significant digits, or all digits before the point, without exponent."""
+    """Format a number with n significant digits, or all digits before the point, without exponent."""
     rounded = float(f"{value:.{n}g}")
     if rounded == 0.0:
         return "0"
@@ -294,8 +258,8 @@ def _digits(value: float, n: int) -> str:
 
 
 def representatives(ranking: Sequence[Ranking]) -> list[Ranking]:
-    """Return what the first screen shows: the Pareto front, and of every other method its least wrong setting."""
-    best = front(ranking)
+    """Return the subjects of the first screen: the Pareto front, and the least wrong setting of every other method."""
+    best = pareto_front(ranking)
     shown, methods = [], {s.method for s in ranking if s.subject in best}
     for one in ranking:
         if one.subject in best or one.method not in methods:
@@ -305,7 +269,7 @@ def representatives(ranking: Sequence[Ranking]) -> list[Ranking]:
 
 
 def fit_exponent(x: Sequence[float], y: Sequence[float]) -> float:
-    """Return the b of y = a x^b that fits best, by least squares of the logarithms."""
+    """Return the exponent b of y = a x^b, fitted by least squares of the logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 

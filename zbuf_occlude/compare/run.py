@@ -1,7 +1,7 @@
-"""Run a comparison: every case, every subject, one row each, kept in a folder; what has a row is not run again.
+"""Run a comparison: one row for each case and subject, stored in a folder; existing rows are not made again.
 
-A method is measured on a question in a child process: preparation, seconds a view, memory, and the mask, which is then
-compared with the reference's answer.
+A method is measured on a question in a child process: time to prepare, seconds per view, memory and the mask. The mask
+is then compared with the reference's answer.
 """
 
 import json
@@ -32,29 +32,30 @@ from zbuf_occlude.shapes.solids import box
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
-ROWS, REFERENCE = "rows.jsonl", "judge"
-"""In a comparison's folder: the rows; the folder of the reference's answers."""
+ROWS, REFERENCE = "rows.jsonl", "reference"
+"""File of the rows and folder of the reference's answers, in a comparison's folder."""
 ROW_SECONDS = 120.0
-"""Timeout of a row, all of its calls together, by default."""
+"""Default timeout of a row, all of its calls together."""
 ENOUGH_SECONDS, ENOUGH_REPEATS, FEWEST_REPEATS = 0.5, 7, 3
-"""The call is repeated until it has run so long or so often; the median counts."""
+"""Limits of repeating a timed call: enough seconds, enough repeats, fewest repeats; the median counts."""
 PROBE_POINTS = 1000
+"""Points of the first probe of a method's speed."""
 WARM_SECONDS = 900.0
-"""What a method may take on a cube: mostly compiling, on a busy machine with nothing compiled."""
+"""Timeout of a method on a cube: mostly compiling, on a busy machine without a compile cache."""
 MOST_TESTS = 3e9
-"""Pairs of line and face tested on a mesh at most: about half a minute on two cores."""
+"""Maximum pairs of line and face that the reference tests on a mesh: about half a minute on two cores."""
 FEWEST_POINTS = 50
-"""Points compared however long that takes: from 15 views on meshes of 80,000 faces and more."""
+"""Minimum points compared with the reference, even where `MOST_TESTS` is exceeded."""
 SHOWN_TESTS = 3e8
-"""Pairs tested for the picture of a row's worst view at most."""
+"""Maximum pairs tested for the picture of a row's worst view."""
 PASSES = 1 + 2 + 8 * (1 + len(metrics.SILHOUETTE_EDGES))
-"""Lines of sight that are tested for each pair of view and point."""
+"""Lines of sight that the reference tests for each pair of view and point."""
 
 
 class ComparisonFolder:
-    """A comparison's folder; a row is appended as soon as it is made, so that a crash later does not lose it.
+    """Folder of a comparison; each row is appended as soon as it is made, so that a later crash does not lose it.
 
-    ``rows.jsonl``: one JSON object a line; of several of one suite, case and subject the last counts.
+    ``rows.jsonl``: one JSON object a line; the last line of a suite, case and subject counts.
     ``questions/FINGERPRINT.npz``: positions (n, 3) float32, normals (n, 3) float32, eyes (k, 3), centre, longest.
     ``worst/KEY.npz``: outcomes (n',) uint8 of the question's first n' points in the row's worst view.
     """
@@ -63,7 +64,7 @@ class ComparisonFolder:
         self.folder = folder
 
     def rows(self) -> dict[tuple[str, str, str], dict[str, Any]]:
-        """Read the rows by suite, case and subject. A last line that was cut off by a crash is left out.
+        """Read the rows by suite, case and subject; a last line that a crash cut off is left out.
 
         Raises DatasetError for a line that is not a row.
         """
@@ -77,15 +78,13 @@ class ComparisonFolder:
                 row = json.loads(line)
                 rows[row["suite"], row["case"], row["subject"]] = row
             except (ValueError, KeyError, TypeError) as error:
-                if number == len(lines):  # no newline after it: its writing was cut off
+                if number == len(lines):  # without a newline: a crash cut it off
                     continue
-                raise DatasetError(
-                    f"every line of {path} must be a row; line {number} is not ({error}). Remove the line."
-                ) from None
+                raise DatasetError(f"{path}, line {number} is not a valid row ({error}). Remove the line.") from None
         return rows
 
     def append(self, row: dict[str, Any]) -> None:
-        """Add a row, in place of a last line that was cut off."""
+        """Append a row; a last line that was cut off is removed."""
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / ROWS
         with open(path, "a+b") as file:
@@ -96,9 +95,9 @@ class ComparisonFolder:
             os.fsync(file.fileno())
 
     def save_question(self, question: Question) -> None:
-        """Keep a question's points and eyes for the report."""
+        """Store a question's points and eyes for the report."""
         if not self._path("questions", question.fingerprint).exists():
-            self.save(
+            self.save_arrays(
                 "questions",
                 question.fingerprint,
                 positions=question.points.positions.astype(np.float32),
@@ -108,20 +107,20 @@ class ComparisonFolder:
                 longest=np.float64(question.mesh.longest_side),
             )
 
-    def save(self, kind: str, name: str, **arrays: Any) -> None:
-        """Keep arrays of a question, or of a row's worst view."""
+    def save_arrays(self, kind: str, name: str, **arrays: Any) -> None:
+        """Store arrays of a question or of a row's worst view."""
         path = self._path(kind, name)
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write(path, lambda file: np.savez_compressed(file, **arrays))
 
-    def load(self, kind: str, name: str) -> dict[str, Any]:
-        """Read what `save` kept."""
+    def load_arrays(self, kind: str, name: str) -> dict[str, Any]:
+        """Read arrays that `save_arrays` stored."""
         path = self._path(kind, name)
         try:
             with np.load(path) as stored:
                 return {name: stored[name] for name in stored.files}
         except (OSError, ValueError) as error:
-            raise DatasetError(f"{path} must be readable; {error}. Run compare again to make it.") from None
+            raise DatasetError(f"{path} cannot be read ({error}). Run compare again to make it.") from None
 
     def _path(self, kind: str, name: str) -> Path:
         return self.folder / kind / f"{name}.npz"
@@ -131,9 +130,9 @@ class ComparisonFolder:
 
 
 class Reference:
-    """Asks the oracle, and keeps its answers in a folder, one file for each question.
+    """The oracle's answers, stored in a folder, one file for each question.
 
-    `n_points` of a question are asked, by default as many as `MOST_TESTS` allows.
+    `n_points` of a question are answered; by default as many as `MOST_TESTS` allows.
     """
 
     def __init__(self, folder: Path, n_points: int | None = None) -> None:
@@ -141,8 +140,8 @@ class Reference:
         self._n_points = n_points
 
     def answer(self, question: Question) -> ReferenceAnswer:
-        """Answer the question, from the folder where it is stored."""
-        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: takes Numba
+        """Return the answer to a question, from its file where there is one."""
+        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: imports Numba
 
         affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
         n = min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
@@ -152,7 +151,7 @@ class Reference:
                 return ReferenceAnswer(**{name: stored[name] for name in stored.files})
         points, eyes = question.points.select(np.arange(n)), question.views.eyes
         with prepare_oracle(question.mesh) as oracle:
-            oracle.warns = False  # the method asked does
+            oracle.warns = False  # the compared method warns
             widths = np.array(metrics.SILHOUETTE_EDGES) / metrics.FOOTPRINTS
             expected = ReferenceAnswer(
                 truth=oracle.visible(points, eyes),
@@ -165,26 +164,26 @@ class Reference:
         return expected
 
     def truth_of_view(self, question: Question, view: int) -> BoolArray:
-        """Answer for the question's first points from one eye, as many as `SHOWN_TESTS` allows; (n,) bool."""
-        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: takes Numba
+        """Return the visibility (n,) of a question's first points from one eye, as many as `SHOWN_TESTS` allows."""
+        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: imports Numba
 
         n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
-            oracle.warns = False  # the method asked does
+            oracle.warns = False  # the compared method warns
             return oracle.visible(question.points.select(np.arange(n)), question.views.eyes[view : view + 1])[0]
 
 
 # ---- measuring -------------------------------------------------------------------------------------------------------
 
 
-class MeasurementFailed(Exception):  # noqa: N818  (not an error of ours: a result, and a row)
+class MeasurementFailed(Exception):  # noqa: N818  (internal: it becomes a row)
     """The method raised, crashed or timed out; the message is the reason."""
 
 
-class BenchmarkCase:
-    """Runs measurements in a child process, one at a time; a child that crashed or timed out is replaced.
+class MeasurementRunner:
+    """Runner of measurements in a child process; a child that crashed or timed out is replaced.
 
-    `limit` is the timeout of a measurement in seconds; compiling, which is done once, does not count.
+    `limit` is the timeout of a measurement in seconds, compiling excluded.
     """
 
     def __init__(self, limit: float) -> None:
@@ -197,8 +196,8 @@ class BenchmarkCase:
             self._child.close()
 
     def measure(self, question: Question, method: str, options: dict[str, Any], budget: float) -> "Measurement":
-        """Measure a method on a question, as `measure`; raises MeasurementFailed."""
-        self._call(WARM_SECONDS, warm, method, options)
+        """Measure a method on a question as `measure` does; raises MeasurementFailed."""
+        self._call(WARM_SECONDS, warm_up, method, options)
         return self._call(self.limit, measure, question, method, options, budget)
 
     def _call(self, timeout: float, *call: Any) -> Any:
@@ -209,30 +208,30 @@ class BenchmarkCase:
         except ChildFailed as failure:
             self._child.kill()
             self._child = None
-            raise MeasurementFailed(f"{failure}{' while warming up' if call[0] is warm else ''}") from None
+            raise MeasurementFailed(f"{failure}{' while warming up' if call[0] is warm_up else ''}") from None
         except OccludeError as error:
             raise MeasurementFailed(str(error)) from None
-        except Exception as error:  # a method may fail in any way; that is a row
+        except Exception as error:  # any failure of a method becomes a row
             raise MeasurementFailed(f"{type(error).__name__}: {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What one method did with one question; times are wall clock, or processor time of all cores."""
+    """Result of a method on a question; times are wall clock, or processor time of all cores."""
 
-    mask: BoolArray  # (k', n'): the answer to the views and points that the budget allowed
-    view_ids: Any  # (k',): which eyes were asked; the points are the question's first n'
-    build_seconds: float  # of `prepare`
-    seconds_per_view: float  # of `visible`, divided by its views
+    mask: BoolArray  # (k', n'), the answer for the views and points that the budget allowed
+    view_ids: Any  # (k',), indices of the eyes; the points are the question's first n'
+    build_seconds: float  # seconds of `prepare`
+    seconds_per_view: float  # seconds of `visible` divided by the number of views
     cpu_seconds_per_view: float
     repeats: int
-    peak_memory: int | None  # growth of the process in bytes, from before `prepare` on
+    peak_memory: int | None  # growth of the process since before `prepare`, bytes
     renderer: str
-    tests_per_view: float | None  # pairs of point and face, for methods that count them
+    tests_per_view: float | None  # pairs of point and face; None for methods that do not count them
     warnings: list[str] = field(default_factory=list)
 
     def describe(self) -> dict[str, Any]:
-        """Return what a row says: everything but the mask."""
+        """Return the fields of a row: everything except the mask."""
         facts = {name: value for name, value in asdict(self).items() if name not in ("mask", "view_ids")}
         n = self.mask.shape[1]
         return facts | {
@@ -243,12 +242,11 @@ class Measurement:
 
 
 def measure(question: Question, method: str, options: dict[str, Any], budget: float) -> Measurement:
-    """Prepare a method, ask it, and take the time.
+    """Prepare a method, run it on a question and time it.
 
-    `budget` is what all timed calls together should take, in seconds: where all views would take longer fewer are
-    asked, where one view would, fewer points. The method has run on a cube before (`warm`), so that neither compiling
-    nor importing is timed; it runs on a growing part of the question first, which says how much of it the budget
-    allows.
+    `budget` is the total of all timed calls in seconds. Where all views would take longer, fewer views are asked; where
+    one view would take longer, fewer points. The method must have run on a cube (`warm_up`), so that neither compiling
+    nor importing is timed. Runs on a growing number of points determine how many the budget allows.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -257,9 +255,9 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
         start = time.perf_counter()
         with prepare(question.mesh, method, gl=_gl_for(method), **options) as occluder:
             build = time.perf_counter() - start
-            view_ids, n = affordable(occluder, question, budget)
+            view_ids, n = fit_to_budget(occluder, question, budget)
             points, eyes = question.points.select(np.arange(n)), question.views.eyes[view_ids]
-            mask, wall, cpu = timed(occluder, points, eyes, budget)
+            mask, wall, cpu = time_calls(occluder, points, eyes, budget)
             tests, peak = getattr(occluder, "n_tests", None), _process_memory("VmHWM")
             return Measurement(
                 mask=mask,
@@ -275,12 +273,12 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
             )
 
 
-def timed(
+def time_calls(
     occluder: VisibilityQuery, points: SurfacePoints, eyes: Any, budget: float
 ) -> tuple[BoolArray, list[float], list[float]]:
-    """Ask repeatedly; return the answer and the wall and processor seconds of each call.
+    """Repeat a call; return its answer, and wall and processor seconds of each call.
 
-    The first call warms up memory and caches of this size: it counts only where the budget allows no other.
+    The first call warms up memory and caches; it counts only where the budget allows no second one.
     """
     wall: list[float] = []
     cpu: list[float] = []
@@ -295,8 +293,8 @@ def timed(
             return mask, wall[1:] or wall, cpu[1:] or cpu
 
 
-def affordable(occluder: VisibilityQuery, question: Question, budget: float) -> tuple[Any, int]:
-    """Return which views and how many points may be asked, so that one call takes a third of the budget at most."""
+def fit_to_budget(occluder: VisibilityQuery, question: Question, budget: float) -> tuple[Any, int]:
+    """Return the views and the number of points for which one call takes at most a third of the budget."""
     n_all, n_views = len(question.points), len(question.views)
     allowed = budget / FEWEST_REPEATS
 
@@ -309,12 +307,12 @@ def affordable(occluder: VisibilityQuery, question: Question, budget: float) -> 
     n = min(PROBE_POINTS, n_all)
     fewer = max(1, n // 10)
     before = one_view(fewer)
-    if before <= allowed:  # or else what the first call makes once is the least of it
+    if before <= allowed:  # repeat: the first call includes one-off setup
         before = one_view(fewer)
     seconds = one_view(n)
     while n < n_all:
         larger = min(10 * n, n_all)
-        growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds per point: none where faces alone cost
+        growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds per point; 0 where only faces cost time
         if seconds + growth * (larger - n) > allowed:
             break
         fewer, before, n = n, seconds, larger
@@ -325,8 +323,8 @@ def affordable(occluder: VisibilityQuery, question: Question, budget: float) -> 
     return np.unique(np.linspace(0, n_views - 1, k).round().astype(int)), n
 
 
-def warm(method: str, options: dict[str, Any]) -> None:
-    """Run the method on a cube, so that what happens only once has happened."""
+def warm_up(method: str, options: dict[str, Any]) -> None:
+    """Run a method on a cube, so that one-off costs such as compiling are paid."""
     cube = box()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -335,30 +333,30 @@ def warm(method: str, options: dict[str, Any]) -> None:
 
 
 _gl: Any = None
-"""The only GL context of the child."""
+"""GL context of the child process, opened at first use."""
 
 
 def _gl_for(method: str) -> Any:
-    """Return the GL context where a method needs one, opened by the first."""
+    """Return the GL context of a method that needs one, else None."""
     global _gl
     if not find_method(method).needs_gl:
         return None
     if _gl is None:
-        from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+        from zbuf_occlude.gl.context import GlContext  # late: only these methods need GL
 
         _gl = GlContext.open()
     return _gl
 
 
 def _process_memory(name: str) -> int:
-    """Return a field of /proc/self/status in bytes; 0 where there is none."""
+    """Return a field of /proc/self/status in bytes; 0 where it is missing."""
     with suppress(OSError), open("/proc/self/status", encoding="utf-8") as file:
         return next((int(line.split()[1]) * 1024 for line in file if line.startswith(name)), 0)
     return 0
 
 
 def _reset_peak() -> None:
-    """Let the peak start again from what is resident now; where that is not allowed peaks only grow."""
+    """Reset the peak of resident memory; without permission the peak stays."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
 
@@ -368,7 +366,7 @@ def _reset_peak() -> None:
 
 @dataclass
 class RunCounts:
-    """How many rows were made, found, and failed."""
+    """Numbers of rows that were made, were found, and failed."""
 
     made: int = 0
     found: int = 0
@@ -381,26 +379,26 @@ def run(
     *,
     budget: float = 3.0,
     limit: float = ROW_SECONDS,
-    judge_points: int | None = None,
+    reference_points: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> RunCounts:
-    """Make the rows that a folder lacks; it is made when missing.
+    """Make the rows that are missing in a folder, which is created where it is missing.
 
-    `budget` are seconds of timed calls for each row, `limit` is the timeout of a row, `judge_points` as in
-    `Reference`; `progress` is called once for each row, with what comes next. A row is made again when the question or
-    the versions have changed, or when it failed: the cause may be gone.
+    `budget` is the seconds of timed calls per row, `limit` the timeout of a row, `reference_points` the `n_points` of
+    `Reference`. `progress` is called before each row with its case and subject. A row is made again where it failed, or
+    where the question or the versions changed.
     """
-    store, reference = ComparisonFolder(out), Reference(out / REFERENCE, judge_points)
+    store, reference = ComparisonFolder(out), Reference(out / REFERENCE, reference_points)
     known = store.rows()
-    tally = RunCounts()
-    with closing(BenchmarkCase(limit)) as bench:
+    counts = RunCounts()
+    with closing(MeasurementRunner(limit)) as runner:
         for case in cases:
             try:
-                question = case.make()
+                question = case.make_question()
             except OccludeError as error:
                 for subject in case.subjects:
                     store.append({"key": "", **_heading(case, subject), "status": "failed", "reason": str(error)})
-                    tally.failed += 1
+                    counts.failed += 1
                     progress(case.label)
                 continue
             for subject in case.subjects:
@@ -408,7 +406,7 @@ def run(
                 key = row_key(question, subject.method, dict(subject.options), case.suite)
                 before = known.get((case.suite, case.label, subject.label), {})
                 if before.get("key") == key and before["status"] == "ok" and before["versions"] == versions():
-                    tally.found += 1
+                    counts.found += 1
                     continue
                 row = {"key": key, **_heading(case, subject), **question.describe()}
                 missing = find_method(subject.method).missing()
@@ -417,16 +415,16 @@ def run(
                         row |= {"status": "unavailable", "reason": missing}
                     else:
                         seconds = budget if case.budget is None else case.budget
-                        measured = bench.measure(question, subject.method, dict(subject.options), seconds)
+                        measured = runner.measure(question, subject.method, dict(subject.options), seconds)
                         row |= {"status": "ok", "timed": measured.describe()}
                         if case.compared:
                             row |= _compared(key, question, measured, reference, store)
                 except MeasurementFailed as failure:
                     row |= {"status": "failed", "reason": str(failure)}
                 store.append(row)
-                tally.made += row["status"] == "ok"
-                tally.failed += row["status"] != "ok"
-    return tally
+                counts.made += row["status"] == "ok"
+                counts.failed += row["status"] != "ok"
+    return counts
 
 
 def _heading(case: Case, subject: Subject) -> dict[str, Any]:
@@ -447,7 +445,7 @@ def _heading(case: Case, subject: Subject) -> dict[str, Any]:
 def _compared(
     key: str, question: Question, measured: Measurement, reference: Reference, store: ComparisonFolder
 ) -> dict[str, Any]:
-    """Compare a measurement's mask with the reference; keep its worst view for the report."""
+    """Compare a measurement's mask with the reference; store its worst view for the report."""
     compared = compare_masks(measured, reference.answer(question), question)
     outside = [view["outside"] for view in compared["views"]]
     errors = [each["false_visible"] + each["false_hidden"] if each["n"] else 0.0 for each in outside]
@@ -457,16 +455,16 @@ def _compared(
     n = min(measured.mask.shape[1], len(truth))
     answer, truth = measured.mask[worst, :n], truth[:n]
     store.save_question(question)
-    store.save("worst", key, outcomes=metrics.outcomes(answer, truth))
+    store.save_arrays("worst", key, outcomes=metrics.outcomes(answer, truth))
     shares = metrics.as_fractions(metrics.count_errors(answer, truth))
     return {"judged": compared, "worst": {"view": view_id, **shares}}
 
 
 def compare_masks(measured: Measurement, expected: ReferenceAnswer, question: Question) -> dict[str, Any]:
-    """Compare an answer with the reference's, on the views and points that both have.
+    """Compare a measurement's mask with the reference, on the views and points that both have.
 
-    The result has n_views and n_points of the pairs compared, every measure of `metrics.measures` over all of them, and
-    for each of the views its angles in degrees and the measures that are taken per view.
+    The result has the numbers of views and points compared, the measures of `metrics.measures` over all pairs, and for
+    each view its angles in degrees and its measures.
     """
     ids = measured.view_ids
     n = min(measured.mask.shape[1], expected.truth.shape[1])
@@ -488,7 +486,7 @@ def compare_masks(measured: Measurement, expected: ReferenceAnswer, question: Qu
 
 @cache
 def machine() -> str:
-    """The processor's name and number of cores."""
+    """Return the processor's name and number of cores."""
     name = platform.processor() or platform.machine()
     with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
         name = next((line.split(":")[1].strip() for line in file if line.startswith("model name")), name)

@@ -1,4 +1,4 @@
-"""Real scans and their poses, as the tools that made them left them."""
+"""Readers of real scans and their poses in the formats of common tools."""
 
 import json
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ from zbuf_occlude.sensors.sensor import Sensor
 
 SUFFIXES = (".ply", ".pcd", ".bin", ".npy", ".npz", ".png")
 NOT_RIGID = 1e-3
-"""A matrix whose entries are off by more is no rigid motion."""
+"""Tolerance on the entries of a pose: a larger deviation is no rigid motion."""
 MOST_BYTES = 2_000_000_000
 
 
 def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
-    """Read the points (n, 3) of a scan, in the frame and unit of its file; those that are not finite or 0 are left out.
+    """Read the points (n, 3) of a scan in its file's frame and unit; points not finite or at the origin are left out.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
         ends in ``.pcd.bin``, of nuScenes (and ring); ``.npy`` (n, 3 or more); ``.npz`` with ``points``; ``.png``: a
         depth image of 16 bits, of the sensor's width and height, whose points are in the sensor's own frame.
     sensor : Sensor
-        A pinhole for depth images.
+        A pinhole where the scan is a depth image.
     depth_unit : float
         Metres of one step of a depth image.
 
     Raises
     ------
     DatasetError
-        Not readable, of another kind, without points, or with coordinates beyond `LARGEST`.
+        The file cannot be read, has another format, has no points, or has coordinates beyond `LARGEST`.
     OptionError
         A depth image where the sensor is no pinhole, or of another size.
     UnavailableError
@@ -69,7 +69,7 @@ def _read(path: Path, suffix: str, sensor: Sensor, depth_unit: float) -> FloatAr
         found = read_ply_points(data)
         warn_of_foreign_lines(path, data)
         if found is None:
-            raise ValueError("it has faces, so it is a mesh")
+            raise ValueError("it has faces: it is a mesh")
         return found
     if suffix == ".pcd":
         with importing("open3d", "reading PCD"):
@@ -100,7 +100,7 @@ def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:
     size = sensor.pattern["height"], sensor.pattern["width"]
     if depths.shape != size:
         raise OptionError(
-            f"{escape_control(path.name)} must have {size[1]} x {size[0]} pixels, one channel, as {sensor.name} has; "
+            f"{escape_control(path.name)} must have {size[1]} x {size[0]} pixels and one channel, as {sensor.name}; "
             f"it is {' x '.join(map(str, depths.shape[::-1]))}. Set width and height of the sensor."
         )
     directions = sensor.rays().directions
@@ -124,7 +124,7 @@ def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> l
     Raises
     ------
     DatasetError
-        Not readable, or not one rigid motion for each scan.
+        The file cannot be read, or does not hold one rigid motion for each scan.
     """
     name = escape_control(str(path))
     try:
@@ -149,16 +149,16 @@ def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> l
 
 
 def rigid(pose: ArrayLike, name: str) -> FloatArray:
-    """Return a pose (4, 4), its rotation made exact; raise ArgumentError where it is no rigid motion."""
+    """Return a pose (4, 4) with an orthonormal rotation; raises ArgumentError where it is no rigid motion."""
     matrix = np.array(as_rigid(pose, name, NOT_RIGID))
-    u, _, vt = np.linalg.svd(matrix[:3, :3])  # files have few digits
+    u, _, vt = np.linalg.svd(matrix[:3, :3])  # removes the rounding of files with few digits
     matrix[:3, :3], matrix[3] = u @ vt, (0.0, 0.0, 0.0, 1.0)
     return matrix
 
 
 def _square(row: list[float]) -> FloatArray:
     if len(row) not in (12, 16):
-        raise ValueError(f"a pose must have 12 or 16 numbers; one has {len(row)}")
+        raise ValueError(f"a pose must have 12 or 16 numbers; it has {len(row)}")
     return np.array([*row, 0.0, 0.0, 0.0, 1.0][:16]).reshape(4, 4)
 
 
@@ -166,7 +166,7 @@ def _of_stanford(text: str, scans: Sequence[Path]) -> list[FloatArray]:
     found = {}
     for words in map(str.split, text.splitlines()):
         if words[:1] == ["bmesh"]:
-            x, y, z, i, j, k, real = map(float, words[2:9])  # the last has the wrong sign in these files
+            x, y, z, i, j, k, real = map(float, words[2:9])  # these files have the opposite sign of the last number
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = (
                 rotations_of(unit_quaternions([i, j, k, -real])),
@@ -174,5 +174,5 @@ def _of_stanford(text: str, scans: Sequence[Path]) -> list[FloatArray]:
             )
             found[Path(words[1]).name] = pose
     if missing := [scan.name for scan in scans if scan.name not in found]:
-        raise ValueError(f"no line `bmesh {missing[0]}`")
+        raise ValueError(f"the line `bmesh {missing[0]}` is missing")
     return [found[scan.name] for scan in scans]

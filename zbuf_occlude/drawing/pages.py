@@ -104,11 +104,23 @@ def write_pages(
     as the template `page` (in ``zbuf_occlude/assets``) says, which also shows `more`. Needs the package jinja2.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
+    from markupsafe import Markup
+
+    def is_html(template: str | None) -> bool:
+        return template is not None and template.endswith(".html.j2")
 
     loader = PackageLoader("zbuf_occlude", "assets")
-    templates = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    templates.filters |= {"marked_up": marked_up, "base64": lambda data: base64.b64encode(data).decode()}
-    templates.globals |= {"asset": asset, "json_for_page": json_for_page}
+    templates = Environment(
+        loader=loader, undefined=StrictUndefined, autoescape=is_html, trim_blocks=True, lstrip_blocks=True
+    )
+    templates.filters |= {
+        "marked_up": lambda text: Markup(marked_up(text)),
+        "base64": lambda data: base64.b64encode(data).decode(),
+    }
+    templates.globals |= {
+        "asset": lambda file: Markup(asset(file)),
+        "json_for_page": lambda document: Markup(json_for_page(document)),
+    }
     content = {"title": title, "answers": answers, "facts": facts, "first": list(first), "sections": sections, **more}
     contents = {}
     for template, suffix in ((page, "html"), ("page.md.j2", "md")):

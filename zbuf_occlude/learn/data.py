@@ -1,4 +1,4 @@
-"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on."""
+"""Labelled clouds of equal size in memory, to train and to test classifiers."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,16 +18,16 @@ _CLOUDS_AT_ONCE = 2048
 
 @dataclass(frozen=True, eq=False)
 class CloudSet:
-    """Clouds with their labels, and where each came from.
+    """Clouds with the label, the object and the camera's elevation of each.
 
-    Raises ArgumentError for shapes that do not fit together, labels outside `classes`, positions that are not finite.
+    Raises ArgumentError for arrays of unequal length, labels outside `classes`, or positions that are not finite.
     """
 
     positions: NDArray[np.float32]  # (m, n, 3), m clouds of n points in random order, centred, longest side 1
     labels: NDArray[np.int64]  # (m,), index into `classes`
     classes: tuple[str, ...]
-    object_ids: NDArray[np.int64]  # (m,); clouds of one object share it
-    elevations: NDArray[np.float32]  # (m,), of the camera, radians; NaN for a complete shape, which has none
+    object_ids: NDArray[np.int64]  # (m,), equal for clouds of one object
+    elevations: NDArray[np.float32]  # (m,), elevation of the camera, radians; NaN for a complete shape
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
@@ -68,11 +68,11 @@ class CloudSet:
 
     @property
     def labelled(self) -> list[str]:
-        """The classes that have clouds, in their order."""
+        """The classes that have clouds, in the order of `classes`."""
         return [self.classes[label] for label in np.unique(self.labels)]
 
     def subset(self, which: ArrayLike) -> "CloudSet":
-        """Return the clouds that a boolean mask or an index array picks, in its order."""
+        """Return the clouds that a boolean mask or an index array selects, in its order."""
         chosen = np.asarray(which)
         if chosen.size == 0:
             chosen = chosen.astype(np.intp)
@@ -87,31 +87,31 @@ class CloudSet:
     def select_points(self, n: int, seed: int) -> "CloudSet":
         """Return the same clouds with `n` of their points each, drawn at random.
 
-        The points of a cloud stand in random order, so one draw of places serves all clouds. Raises ArgumentError
+        The points of each cloud are in random order, so all clouds can share the same indices. Raises ArgumentError
         where `n` is less than 1 or more than the clouds have.
         """
         if not 1 <= n <= self.n_points:
             raise ArgumentError(f"n must lie in 1..{self.n_points}, the points of each cloud; got {n}.")
-        places = np.random.default_rng(seed).permutation(self.n_points)[:n]
-        return replace(self, positions=self.positions[:, places])
+        indices = np.random.default_rng(seed).permutation(self.n_points)[:n]
+        return replace(self, positions=self.positions[:, indices])
 
     def thinned(self, groups: ArrayLike, most: int, seed: int) -> "CloudSet":
-        """Return at most `most` clouds of each group (groups: (m,) int), drawn at random, in their order."""
+        """Return at most `most` clouds of each group (groups: (m,) int), drawn at random; the order is kept."""
         groups = np.asarray(groups)
         order = np.lexsort((np.random.default_rng(seed).random(len(self)), groups))
         sorted_groups = groups[order]
-        first = np.searchsorted(sorted_groups, sorted_groups)  # where the group of each begins
+        first = np.searchsorted(sorted_groups, sorted_groups)  # index at which each cloud's group begins
         return self.subset(np.sort(order[np.arange(len(self)) - first < most]))
 
     @classmethod
-    def joined(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
-        """Return the clouds of one set and then those of another; ids of objects keep their meaning.
+    def concatenate(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
+        """Return the clouds of two sets, those of `first` before those of `second`; object ids are kept.
 
-        Raises ArgumentError for other classes, or clouds of another size.
+        Raises ArgumentError where the classes or the sizes of the clouds differ.
         """
         if first.classes != second.classes or first.n_points != second.n_points:
             raise ArgumentError(
-                f"sets to be joined must have the same classes and sizes of clouds; got {first!r} of "
+                f"both sets must have the same classes and the same size of clouds; got {first!r} of "
                 f"{', '.join(first.classes)} and {second!r} of {', '.join(second.classes)}."
             )
         return cls(
@@ -126,10 +126,11 @@ class CloudSet:
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:
     """Read one split of a dataset of any format into memory, in its order; ``object_ids`` are its mesh ids.
 
-    Of each cloud the first `n_points` are taken, whose order is random; all by default. The number must be given of
-    clouds of unequal size, of which those with fewer points repeat some. Clouds of a recipe that keeps everything have
-    no elevation. Raises DatasetError where there is no complete dataset, or it is damaged, or it has no such split, or
-    too small clouds.
+    The first `n_points` of each cloud are read (the order of points is random); all of them by default. Clouds of
+    unequal size need `n_points`; those with fewer points repeat some. Complete clouds have no elevation.
+
+    Raises DatasetError where the folder holds no complete dataset, where files are damaged, where the split is missing,
+    or where the clouds have fewer points.
     """
     source = open_dataset(folder)
     size = source.plan.recipe.sample_size
@@ -137,8 +138,8 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         raise DatasetError(f"{folder} must have clouds of the split {split}; it has {', '.join(source.order)}.")
     if size is None and n_points is None:
         raise DatasetError(
-            f"clouds must be of one size here; those in {folder} are not (--sample-size all). Make them with "
-            "a number, or read them with n_points."
+            f"clouds must be of one size here; those in {folder} are not (--sample-size all). Generate them with a "
+            "number of points, or read them with n_points."
         )
     if n_points is not None and not 1 <= n_points <= (size or n_points):
         raise DatasetError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
@@ -156,5 +157,5 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
         if not source.plan.recipe.complete:
             elevations[rows] = records["view"][:, 1]
-    with reading(folder):  # CloudSet looks for NaN
+    with reading(folder):  # CloudSet refuses NaN
         return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)

@@ -1,4 +1,4 @@
-"""How good a classifier is: confusion matrix, accuracy, precision, recall and F1 of each class; as JSON and PNG."""
+"""Evaluation of a classifier: confusion matrix, accuracy; precision, recall and F1 of each class; as JSON and PNG."""
 
 import warnings
 from dataclasses import dataclass
@@ -20,19 +20,20 @@ if TYPE_CHECKING:
     from zbuf_occlude.learn.networks import Classifier
 
 BATCH = 64
-"""Clouds that are looked at together."""
+"""Clouds in a batch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Confusion:
-    """How a classifier labelled a test set; figures of a class are of those that both know by one name.
+    """Confusion matrix of a test set and the figures that follow from it.
 
-    Raises ArgumentError where there is not a count for each row and column.
+    The figures of a class need the same classes, in the same order, in the rows and the columns. Raises ArgumentError
+    where the shape of `counts` is not that of the names.
     """
 
-    truth: tuple[str, ...]  # names of the rows; those of real scans are not the classifier's own
-    predicted: tuple[str, ...]  # names of the columns
-    counts: NDArray[np.int64]  # (t, p), clouds of a class that were taken for another
+    truth: tuple[str, ...]  # names of the rows: classes of the test set, which for real scans are not the classifier's
+    predicted: tuple[str, ...]  # names of the columns: the classifier's classes
+    counts: NDArray[np.int64]  # (t, p), clouds by true and by predicted class
 
     def __post_init__(self) -> None:
         shape = (len(self.truth), len(self.predicted))
@@ -41,31 +42,34 @@ class Confusion:
 
     @property
     def n_clouds(self) -> int:
-        """Clouds of the test set."""
+        """Number of clouds in the test set."""
         return int(self.counts.sum())
 
     @property
     def accuracy(self) -> float:
-        """Overall accuracy: the fraction of clouds whose class was found; NaN without clouds."""
+        """Overall accuracy: the fraction of clouds classified correctly; NaN without clouds."""
         return float(_ratio(np.trace(self.counts), self.counts.sum()))
 
     @cached_property
     def precision(self) -> FloatArray:
-        """(c,): of what was taken for a class, the fraction that is of it; NaN where nothing was."""
+        """(c,) fraction of the clouds predicted as a class that are of it; NaN where none was predicted."""
         return _ratio(np.diag(self.counts), self.counts.sum(axis=0))
 
     @cached_property
     def recall(self) -> FloatArray:
-        """(c,): of a class, the fraction that was found, the paper's accuracy of a class; NaN without a cloud."""
+        """(c,) fraction of the clouds of a class that were classified correctly; NaN for a class without clouds.
+
+        The paper calls it the accuracy of a class.
+        """
         return _ratio(np.diag(self.counts), self.counts.sum(axis=1))
 
     @cached_property
     def f1(self) -> FloatArray:
-        """(c,): harmonic mean of precision and recall; NaN for a class that neither is there nor was named."""
+        """(c,) harmonic mean of precision and recall; NaN for a class that has no clouds and was never predicted."""
         return _ratio(2 * np.diag(self.counts), self.counts.sum(axis=0) + self.counts.sum(axis=1))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data of all figures; None where one is not defined."""
+        """All figures as plain data; None where a figure is undefined."""
         columns = {"precision": self.precision, "recall": self.recall, "f1": self.f1}
         return {
             "n_clouds": self.n_clouds,
@@ -79,16 +83,16 @@ class Confusion:
         }
 
     def write(self, folder: Path, name: str = "evaluation") -> None:
-        """Write `name`.json and `name`.png into a folder, which is made."""
+        """Write `name`.json and `name`.png into a folder, which is created."""
         folder.mkdir(parents=True, exist_ok=True)
-        figure = self.draw()
+        figure = self.plot()
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # boxes are drawn; the JSON has the names
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the JSON has the names
             atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
         atomic.write_json(folder / f"{name}.json", self.to_dict())
 
-    def draw(self) -> Figure:
-        """Return a picture of the confusion matrix: shades are fractions of the true class, numbers are clouds."""
+    def plot(self) -> Figure:
+        """Plot the confusion matrix: shades are fractions of the true class, numbers are clouds."""
         n = len(self.predicted)
         figure, panels = new_figure(1, 1, panel=max(4.0, 1.6 + 0.45 * n))
         axes = panels[0, 0]
@@ -99,19 +103,20 @@ class Confusion:
             colour = "white" if shares[row, column] > 0.6 else "black"
             count = str(self.counts[row, column])
             axes.text(column, row, count, ha="center", va="center", fontsize=8, color=colour)
-        axes.set_xticks(range(n), self.predicted, rotation=90, parse_math=False)  # a name may have dollar signs
+        axes.set_xticks(range(n), self.predicted, rotation=90, parse_math=False)  # names may contain dollar signs
         axes.set_yticks(range(n), self.predicted, parse_math=False)
         axes.tick_params(length=0, labelsize=9)
-        axes.set_xlabel("taken for")
-        axes.set_ylabel("class")
+        axes.set_xlabel("predicted class")
+        axes.set_ylabel("true class")
         axes.set_title(f"{self.accuracy:.1%} of {self.n_clouds} clouds", fontsize=10)
         return figure
 
 
 def evaluate(model: "Classifier", test: CloudSet, classes: tuple[str, ...] | None = None) -> Confusion:
-    """Classify a test set, whose classes need be the model's only where `classes`, the model's own, are not given.
+    """Classify a test set and return the confusion matrix.
 
-    The model may be on any device, and is left as it was. Raises ArgumentError where it has another number of classes.
+    `classes` are those of the model; by default they are those of the test set. The model may be on any device; its
+    mode is restored. Raises ArgumentError where the model has another number of classes.
     """
     classes = test.classes if classes is None else classes
     if model.n_classes != len(classes):
@@ -125,8 +130,8 @@ def evaluate(model: "Classifier", test: CloudSet, classes: tuple[str, ...] | Non
 
 
 def predict(model: "Classifier", clouds: CloudSet) -> NDArray[np.float32]:
-    """Return the logits of all clouds, (m, n_classes); the largest names the class."""
-    import torch  # late: reports of what was predicted do without
+    """Return the logits of all clouds, (m, n_classes); the largest one is the predicted class."""
+    import torch  # late: reports of stored results need no PyTorch
 
     device = next(model.parameters()).device
     was_training = model.training
@@ -140,13 +145,13 @@ def predict(model: "Classifier", clouds: CloudSet) -> NDArray[np.float32]:
 
 
 def _ratio(part: Any, whole: Any) -> FloatArray:
-    """Return part / whole, NaN where there is nothing."""
+    """Return part / whole; NaN where the whole is 0."""
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     return np.divide(part, whole, out=np.full(whole.shape, np.nan), where=whole > 0)
 
 
 def _mean(values: FloatArray) -> float:
-    """Return the mean of what is defined."""
+    """Return the mean of the values that are not NaN."""
     defined = values[~np.isnan(values)]
     return float(defined.mean()) if len(defined) else float("nan")
 

@@ -1,4 +1,4 @@
-"""The table of classifiers: a new one is one class and one row; this module needs no PyTorch."""
+"""Table of the classifiers; a new one takes one class and one row. This module needs no PyTorch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,11 +18,11 @@ class Model:
 
     name: str  # as typed at the command line
     summary: str
-    factory: str  # "module:class", imported when it is built
+    factory: str  # "module:class", imported when the network is built
     options: Mapping[str, Any] = field(default_factory=dict)  # passed to the class with the number of classes
 
     def build(self, n_classes: int) -> "Classifier":
-        """Return the network with fresh weights, drawn by PyTorch's default generator.
+        """Return the network with initial weights drawn by PyTorch's default generator.
 
         Raises UnavailableError where PyTorch is not installed.
         """
@@ -53,7 +53,7 @@ MODELS = (
 
 
 def find_model(name: str) -> Model:
-    """Return the row of this name; raises OptionError where there is none."""
+    """Return the row of a name; raises OptionError where there is none."""
     for model in MODELS:
         if model.name == name:
             return model
@@ -61,6 +61,6 @@ def find_model(name: str) -> Model:
 
 
 def require_torch() -> None:
-    """Import PyTorch, or raise UnavailableError where it is not installed or broken."""
+    """Import PyTorch; raises UnavailableError where it is missing or broken."""
     with importing("torch", "a classifier"):
-        _ = import_module("torch").Tensor  # an empty package is imported too
+        _ = import_module("torch").Tensor  # an empty folder named torch can be imported too

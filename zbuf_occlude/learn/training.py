@@ -1,4 +1,4 @@
-"""Training: one loop that knows no model, and what it leaves in its folder: checkpoints, then the trained model."""
+"""Training loop for any model, its checkpoints and the folder of the trained model."""
 
 import hashlib
 import math
@@ -26,35 +26,35 @@ from zbuf_occlude.learn.networks import Classifier
 
 CHECKPOINT, MODEL, HISTORY = "checkpoint.pt", "model.pt", "history.json"
 CHECKPOINT_SECONDS = 60.0
-"""Between two checkpoints, at least: a large model's takes seconds to write."""
+"""Minimum seconds between two checkpoints: writing one of a large model takes seconds."""
 _RANGES = {
     "epochs": (1, 2**31 - 1),
     "batch_size": (2, 2**31 - 1),
     "patience": (1, 2**31 - 1),
-    "seed": (0, 2**63 - 1),  # more is not a seed to PyTorch
+    "seed": (0, 2**63 - 1),  # PyTorch's largest seed
     "n_points": (1, 2**31 - 1),
 }
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """How a classifier is trained: everything but the clouds that decides the outcome.
+    """Configuration of a training: everything that decides its outcome, except the clouds.
 
     Raises OptionError for a value out of range, or an unknown model.
     """
 
     model: str = "voxnet"  # name in the table of models
-    epochs: int = 100  # at most; the learning rate falls to 0 along half a cosine over these
-    batch_size: int = 32  # clouds of a step
-    learning_rate: float = 0.001  # of Adam, initial
+    epochs: int = 100  # maximum; the learning rate falls to 0 along half a cosine over them
+    batch_size: int = 32  # clouds per step
+    learning_rate: float = 0.001  # initial learning rate of Adam
     patience: int = 20  # epochs without a better validation after which training stops
-    seed: int = 0  # of the first weights, the order of the clouds, the augmentation, and dropout
-    rotate: bool = True  # the paper's augmentation (4.3): about the vertical axis
-    rescale: bool = True  # by a factor
-    jitter: bool = True  # of each coordinate
-    n_points: int | None = None  # of each cloud, drawn at random once; None: all
+    seed: int = 0  # seed of initial weights, order of the clouds, augmentation and dropout
+    rotate: bool = True  # augmentation: rotation about the vertical axis, as in the paper (4.3)
+    rescale: bool = True  # augmentation: scaling
+    jitter: bool = True  # augmentation: noise on each coordinate
+    n_points: int | None = None  # points per cloud, drawn at random once; None: all
     device: str = "auto"  # "auto" (CUDA where there is one), "cpu", "cuda", "cuda:1" and so on
-    mixed_precision: bool = True  # half precision where it is safe, on CUDA only
+    mixed_precision: bool = True  # automatic mixed precision, on CUDA only
 
     def __post_init__(self) -> None:
         find_model(self.model)
@@ -69,41 +69,40 @@ class TrainConfig:
 
     @property
     def augmentation(self) -> Compose:
-        """The transforms that each cloud goes through each time it is seen."""
+        """The random transforms that are applied to each cloud in each epoch."""
         switches = ((self.rotate, Rotate()), (self.rescale, Rescale()), (self.jitter, Jitter()))
         return Compose([transform for wanted, transform in switches if wanted])
 
     def to_dict(self) -> dict[str, Any]:
-        """The values as plain data; ``TrainConfig(**document)`` reads them back."""
+        """All values as plain data; ``TrainConfig(**document)`` reads them back."""
         return asdict(self)
 
     def find_device(self) -> torch.device:
         """Return the device to train on.
 
-        Raises OptionError where there is no device of this name, UnavailableError where CUDA was asked for and is not
-        there.
+        Raises OptionError for an unknown name; UnavailableError where CUDA is requested and not available.
         """
         name = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
         if not re.fullmatch(r"cpu|cuda(:[0-9]+)?", name):
             raise OptionError(f"device must be auto, cpu, cuda or cuda:N; got {self.device!r}.")
         if name != "cpu" and int(name.partition(":")[2] or 0) >= torch.cuda.device_count():
             raise UnavailableError(
-                f"device {name!r} must be there; PyTorch sees {torch.cuda.device_count()} CUDA devices. Take 'cpu'."
+                f"device {name!r} is not available: PyTorch sees {torch.cuda.device_count()} CUDA devices. Use 'cpu'."
             )
         return torch.device(name)
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training clouds gave."""
+    """Results of one pass over the training clouds."""
 
     number: int  # from 1
-    loss: float  # mean over the steps, regulariser included, clouds augmented
-    validation_loss: float  # cross-entropy, nothing augmented
+    loss: float  # mean over the steps, with regulariser and augmentation
+    validation_loss: float  # cross-entropy, without augmentation
     validation_accuracy: float
 
     def better_than(self, other: "Epoch | None") -> bool:
-        """Whether more of the validation was right, or as much with less loss."""
+        """Return whether the validation accuracy is higher, or equal with a lower loss."""
         mine = (self.validation_accuracy, -self.validation_loss)
         return other is None or mine > (other.validation_accuracy, -other.validation_loss)
 
@@ -129,29 +128,29 @@ def train(
     progress: Callable[[Epoch], None] = lambda epoch: None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Trained:
-    """Train a classifier, or resume a training that was stopped, or return one that is done.
+    """Train a classifier, resume an interrupted training, or load a finished one.
 
-    Both sets have the same classes; `validation` decides which epoch is best and when to stop. The folder is made when
-    missing; it holds the checkpoint, and in the end the model and its history. `progress` is called with each epoch
-    that was done. Checkpoints are written at the ends of epochs; an interrupt (Ctrl-C) writes that of the last one.
+    Both sets must have the same classes; `validation` decides which epoch is best and when to stop. The folder is
+    created where it is missing. It holds the checkpoint and, at the end, the model and its history. `progress` is
+    called after each epoch. Checkpoints are written at the ends of epochs; an interrupt (Ctrl-C) writes the last one.
 
-    Everything random is drawn from the seed and the epoch's number, so an epoch is the same whether or not the
-    training was stopped before it. On a CPU the weights are the same to the last bit, with the same number of threads;
-    on CUDA as far as its kernels are deterministic. The paper does not say how it trained: Adam with 0.001 is that of
-    PointNet and of 3DmFV, also for VoxNet.
+    All random draws follow from the seed and the number of the epoch, so a resumed training repeats an uninterrupted
+    one. On a CPU the weights are equal to the last bit for the same number of threads; on CUDA as far as its kernels
+    are deterministic. The paper does not describe its training. Adam with a learning rate of 0.001 follows PointNet and
+    3DmFV, and is used for VoxNet too.
 
     Raises
     ------
     ArgumentError
-        Fewer than two clouds to train on, none to validate with, fewer than two classes, or different ones.
+        Fewer than two clouds to train on, none to validate with, fewer than two classes, or different classes.
     DatasetError
         The folder holds another training.
     MemoryError
-        The clouds or a step of the training do not fit.
+        The clouds, or a step of the training, do not fit into memory.
     OptionError
-        The loss is not finite any more, or `n_points` is more than the clouds have.
+        The loss became infinite or NaN, or `n_points` is more than the clouds have.
     UnavailableError
-        The device is not there.
+        The device is not available.
     """
     training, validation = _checked(config, training, validation)
     device = config.find_device()
@@ -181,7 +180,8 @@ def train(
             about |= {"classes": list(training.classes)}
             about |= {name: finished[name] for name in ("history", "best", "seconds")}
             atomic.write_json(folder / HISTORY, about)
-            _write(folder / MODEL, about | {"weights": run.best_weights})  # last: it says that the training is done
+            # last: the presence of this file marks the training as finished
+            _write(folder / MODEL, about | {"weights": run.best_weights})
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
             if finished["history"] and not (folder / MODEL).exists():
@@ -193,7 +193,7 @@ def train(
 
 
 class _Run:
-    """A training between two epochs."""
+    """State of a training between two epochs."""
 
     def __init__(self, config: TrainConfig, training: CloudSet, validation: CloudSet, device: torch.device) -> None:
         self.config, self.validation, self.device = config, validation, device
@@ -212,12 +212,12 @@ class _Run:
 
     @property
     def done(self) -> bool:
-        """Whether all epochs are over, or too many without a better one."""
+        """True if all epochs are over, or `patience` epochs passed without a better one."""
         since = len(self.history) - (self.best.number if self.best else 0)
         return len(self.history) == self.config.epochs or since >= self.config.patience
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything that the next epoch depends on, a copy: that epoch may be interrupted half way."""
+        """A copy of all that the next epoch depends on; that epoch may be interrupted half way."""
         return {
             "weights": deepcopy(self.model.state_dict()),
             "optimizer": deepcopy(self.optimizer.state_dict()),
@@ -229,7 +229,7 @@ class _Run:
         }
 
     def restore(self, document: dict[str, Any]) -> None:
-        """Take up a document's state."""
+        """Restore the state that `to_dict` returned."""
         self.model.load_state_dict(document["weights"])
         self.optimizer.load_state_dict(document["optimizer"])
         self.scaler.load_state_dict(document["scaler"])
@@ -251,7 +251,7 @@ class _Run:
             float(functional.cross_entropy(logits, labels)),
             float((logits.argmax(dim=1) == labels).double().mean()),
         )
-        _check_finite(epoch.validation_loss, number)  # the last step's harm shows only here
+        _check_finite(epoch.validation_loss, number)  # a divergence in the last step shows only here
         if epoch.better_than(self.best):
             self.best = epoch
             self.best_weights = {name: value.clone() for name, value in self.model.state_dict().items()}
@@ -260,15 +260,15 @@ class _Run:
         return epoch
 
     def _pass(self, number: int) -> float:
-        """One pass over the clouds; returns the mean loss."""
+        """Train on all clouds once; return the mean loss."""
         self.model.train()
         augment, losses = self.config.augmentation, []
         batches = torch.randperm(len(self.points)).split(self.config.batch_size)
         if len(batches[-1]) == 1:
-            batches = batches[:-1]  # batch normalisation needs two; it is another cloud in each epoch
+            batches = batches[:-1]  # batch normalisation needs two clouds; each epoch leaves out another one
         for step, chosen in enumerate(batches):
             done = (number - 1 + step / len(batches)) / self.config.epochs
-            self.model.settle(done)
+            self.model.anneal_momentum(done)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
             points = torch.stack([augment(self.points[i]) for i in chosen])
@@ -283,13 +283,15 @@ class _Run:
 
 
 def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:
-    """Take a share of the objects out, at least one, with all their clouds, to validate with.
+    """Split the clouds by object: the rest, and those of a random share of the objects (at least one) for validation.
 
-    Returns the rest, and what was taken out. Raises ArgumentError where there is only one object.
+    Raises ArgumentError where there is only one object.
     """
     objects = np.unique(clouds.object_ids)
     if len(objects) < 2:
-        raise ArgumentError("one object cannot be held out of one; give a dataset of more, or with clouds to validate.")
+        raise ArgumentError(
+            "The only object cannot be held out for validation. Give a dataset of more objects, or with a split val."
+        )
     taken = np.random.default_rng(seed).permutation(objects)[: max(1, round(share * len(objects)))]
     held = np.isin(clouds.object_ids, taken)
     return clouds.subset(~held), clouds.subset(held)
@@ -297,7 +299,7 @@ def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, Cloud
 
 @contextmanager
 def _in_memory(what: str) -> Iterator[None]:
-    """Raise MemoryError where PyTorch has errors of its own for that: one for CUDA, hardly one for the processor."""
+    """Raise MemoryError for PyTorch's own errors of exhausted memory; on a CPU only the message tells them apart."""
     try:
         yield
     except RuntimeError as error:
@@ -308,14 +310,14 @@ def _in_memory(what: str) -> Iterator[None]:
 
 def _check_finite(loss: float, number: int) -> None:
     if not math.isfinite(loss):
-        raise OptionError(f"the loss must stay finite; in epoch {number} it is {loss}. Lower the learning rate.")
+        raise OptionError(f"The loss is {loss} in epoch {number}; it must stay finite. Lower the learning rate.")
 
 
 def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> tuple[CloudSet, CloudSet]:
-    """Return both sets with the number of points asked for."""
+    """Check both sets; return them with the number of points of the configuration."""
     if len(training) < 2 or not len(validation):
         raise ArgumentError(
-            f"training needs 2 clouds and validation 1, at least; got {len(training)} and {len(validation)}."
+            f"training needs at least 2 clouds and validation at least 1; got {len(training)} and {len(validation)}."
         )
     if training.classes != validation.classes:
         raise ArgumentError(
@@ -324,8 +326,8 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
         )
     if len(training.classes) < 2:
         raise ArgumentError(
-            f"training needs 2 classes, at least; the clouds have {', '.join(training.classes)}. Was `generate` given "
-            "the folder of one class? Give it the folder above."
+            f"training needs at least 2 classes; the clouds have {', '.join(training.classes)}. If "
+            "`generate` was given the folder of one class, give it the folder above."
         )
     if not set(training.labelled) & set(validation.labelled):
         raise ArgumentError(
@@ -336,17 +338,19 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
         return training, validation
     for clouds in (training, validation):
         if config.n_points > clouds.n_points:
-            raise OptionError(f"n_points must be at most {clouds.n_points}, those of a cloud; got {config.n_points}.")
+            raise OptionError(
+                f"n_points must be at most {clouds.n_points}, the points of a cloud; got {config.n_points}."
+            )
     return training.select_points(config.n_points, config.seed), validation.select_points(config.n_points, config.seed)
 
 
 def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str, config: TrainConfig) -> None:
-    """Raise DatasetError for a folder in which other clouds or another config were used."""
+    """Raise DatasetError where a document was written with other clouds or another configuration."""
     if document["fingerprint"] != fingerprint:
         theirs = document["config"]
         different = [name for name, value in config.to_dict().items() if theirs.get(name) != value]
         raise DatasetError(
-            f"{folder} must be empty or of this same training; it holds one with other "
+            f"{folder} must be empty or hold this same training; it holds one with other "
             f"{', '.join(different) or 'clouds'}. Choose another folder, or delete it."
         )
 
@@ -355,7 +359,7 @@ def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str, co
 
 
 def _fingerprint(config: TrainConfig, training: CloudSet, validation: CloudSet) -> str:
-    """Return a digest of all that decides a training's outcome."""
+    """Return a digest of everything that decides the outcome of a training."""
     digest = hashlib.sha256(repr(sorted(config.to_dict().items())).encode())
     for clouds in (training, validation):
         digest.update(repr((clouds.classes, clouds.positions.shape)).encode())
@@ -365,54 +369,51 @@ def _fingerprint(config: TrainConfig, training: CloudSet, validation: CloudSet) 
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
-    """Write tensors and plain data, all or nothing."""
+    """Write tensors and plain data atomically."""
     atomic.write(path, lambda file: torch.save(document, file))
 
 
 def _read(path: Path, device: torch.device) -> dict[str, Any]:
-    """Read what `_write` wrote.
+    """Read a file that `_write` wrote.
 
-    Raises DatasetError where the file is damaged; OSError where there is none.
+    Raises DatasetError where the file is damaged; OSError where it is missing.
     """
     try:
         document: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
     except (RuntimeError, EOFError, KeyError, ValueError, OSError, pickle.UnpicklingError) as error:
         if isinstance(error, OSError) and error.filename is not None:
-            raise  # there is no such file, or it must not be read; without a name the file's end came too early
+            raise  # missing or not readable; an error without a file name means a truncated file
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
-        raise DatasetError(
-            f"{path} must be a file that training wrote; it cannot be read ({reason}). Delete it and train again."
-        ) from None
+        raise DatasetError(f"{path} is damaged: it cannot be read ({reason}). Delete it and train again.") from None
     if not isinstance(document, dict) or not {"fingerprint", "config"} <= document.keys():
-        raise DatasetError(f"{path} must be a file that training wrote; it is another. Name a folder of `train`.")
+        raise DatasetError(f"{path} was not written by `train`. Give a folder that `train` wrote.")
     return document
 
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Name the file of a document that could be read, but whose parts are not those expected.
-
-    Raises DatasetError where a part is missing, or not of this network.
-    """
+    """Raise DatasetError, with the file's name, where a part of its document is missing or of another network."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error).splitlines()[0][:100]
         raise DatasetError(
-            f"{path} must be as this version's training wrote it; it is not ({reason}). Delete it and train again."
+            f"{path} does not match this version's network ({reason}). Delete it and train again."
         ) from None
 
 
 def load_trained(folder: Path, device: str = "auto") -> Trained:
-    """Read back the model that a training left in its folder; `device` as in `TrainConfig`.
+    """Read the model that a training wrote into its folder; `device` as in `TrainConfig`.
 
-    Raises DatasetError where there is none, or its file is damaged.
+    Raises DatasetError where the model is missing or its file is damaged.
     """
     path = folder / MODEL
     if not path.exists():
-        unfinished = " Its training is not done; run the same command again." if (folder / CHECKPOINT).exists() else ""
+        unfinished = (
+            " Its training is not finished; run the same command again." if (folder / CHECKPOINT).exists() else ""
+        )
         raise DatasetError(
-            f"{folder} must hold a trained model; it has no {MODEL}.{unfinished or ' See: zbuf-occlude train --help'}"
+            f"{folder} must hold a trained model; it has no {MODEL}.{unfinished or ' See zbuf-occlude train --help.'}"
         )
     where = TrainConfig(device=device).find_device()
     document = _read(path, where)

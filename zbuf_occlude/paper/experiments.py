@@ -1,8 +1,8 @@
-"""The experiments of a study: their meshes, the datasets they make, the classifiers trained and tested on them.
+"""Experiments of a study: their meshes, their datasets, and the classifiers trained and tested on them.
 
-Elevation is 4.2 of the paper (Table 3A, Fig. 12), augmentation 4.3 and 4.4 (Table 3B) with a comparison of methods of
-hidden-surface removal. Realism is ours: trained on uniform clouds, on scans, on scans in streets or
-by two eyes; tested on all.
+Elevation is section 4.2 of the paper (Table 3A, Fig. 12). Augmentation is 4.3 and 4.4 (Table 3B), with a comparison of
+methods of hidden-surface removal. Realism is not in the paper: classifiers are trained on uniform clouds, on scans, on
+scans in streets or on scans by two eyes, and tested on all of them.
 """
 
 from abc import ABC, abstractmethod
@@ -70,31 +70,31 @@ MODELNET10 = (
     "bathtub", "bed", "chair", "desk", "dresser", "monitor", "night_stand", "sofa", "table", "toilet",
 )  # fmt: skip
 FINEST = 128
-"""Voxels a side, at most: the surface of a finer grid has millions of faces."""
+"""Maximum voxels a side: the surface of a finer grid has millions of faces."""
 SAMPLES_PER_CELL = 30
-"""Of a surface that fills a side of the grid; what is thinner than a voxel is still met."""
-KEPT = 16
-"""Splits of datasets that stay in memory."""
+"""Sample points per cell of a full side of the grid; enough to find parts thinner than a voxel."""
+CACHED_SPLITS = 16
+"""Number of splits of datasets kept in memory."""
 
 # ---- meshes ------------------------------------------------------------------------------------------------------
 
 
 def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> MeshCollection:
-    """Return all meshes that experiments may choose from: of ModelNet40's folder, or the built-in shapes.
+    """Return the meshes that experiments select from: those of ModelNet40's folder, or the built-in shapes.
 
-    `any_ten`: whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
-    Raises MeshError where the folder is missing, or lacks one of those classes.
+    `any_ten` is True where ModelNet10's folder is allowed too; its classes are not the paper's eight and have no
+    vehicle. Raises MeshError where the folder or one of the classes is missing.
     """
     if modelnet is None:
         return shapes.collection()
-    where = f"ModelNet40 comes from {MODELNET40}; without --modelnet the built-in shapes are used."
+    where = f"ModelNet40 is at {MODELNET40}. Without --modelnet the built-in shapes are used."
     if not modelnet.is_dir():
         raise MeshError(f"--modelnet must be ModelNet40's folder; there is no folder {modelnet}. {where}")
     meshes = MeshCollection.from_paths(modelnet)
     missing = [label for label in MODELNET8 if label not in meshes.classes]
     if not missing or (any_ten and is_modelnet10(meshes)):
         return meshes
-    hint = " ModelNet10 will do for `paper elevation` alone." if is_modelnet10(meshes) else ""
+    hint = " ModelNet10 suffices for `paper elevation` alone." if is_modelnet10(meshes) else ""
     raise MeshError(
         f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
         f"{', '.join(missing)}.{hint} {where}"
@@ -102,15 +102,15 @@ def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> Mesh
 
 
 def is_modelnet10(meshes: MeshCollection) -> bool:
-    """Whether there are all of ModelNet10's classes, and not the paper's eight."""
+    """Return whether the meshes have all classes of ModelNet10, and not the paper's eight."""
     return set(meshes.classes) >= set(MODELNET10) and not set(meshes.classes) >= set(MODELNET8)
 
 
 def as_voxels(meshes: MeshCollection, n: int) -> MeshCollection:
-    """Return the same collection, each mesh replaced by the surface of the voxels that it meets.
+    """Return the collection with each mesh replaced by the surface of the voxels that it occupies.
 
-    `n` voxels lie along the longest side. All faces of such a surface lie across an axis, and level ones vanish at
-    elevation 0. Keys, classes and splits stay. Raises OptionError for fewer than 2 voxels, or more than `FINEST`.
+    `n` voxels lie along the longest side. All faces of such a surface are perpendicular to an axis; horizontal ones are
+    invisible at elevation 0. Keys, classes and splits are kept. Raises OptionError for `n` outside 2..`FINEST`.
     """
     if not 2 <= n <= FINEST:
         raise OptionError(f"voxels must lie in 2..{FINEST}, along the longest side; got {n}.")
@@ -123,7 +123,7 @@ def as_voxels(meshes: MeshCollection, n: int) -> MeshCollection:
 
 
 def voxel_surface(load: Callable[[], Mesh], n: int) -> Mesh:
-    """Return the surface of the n^3 grid's cells that a mesh's surface meets, its longest side 1."""
+    """Return the surface of the cells of an n^3 grid that a mesh occupies, its longest side 1."""
     mesh = load().normalized()
     points = sample_surface(mesh, n_points=SAMPLES_PER_CELL * n * n, seed=0)
     surface = cells_as_mesh(OccupancyGrid(mesh.bounds, n, points.positions).occupied).normalized()
@@ -135,7 +135,7 @@ def _voxel_origin(of: MeshSource, n: int) -> MeshSource:
 
 
 def _paper_objects(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
-    """The paper's 75 meshes of each class; of each class and split the first, as `shares` says of train, val, test."""
+    """Return the first of the paper's 75 meshes of each class: `shares` of them in the splits train, val and test."""
     meshes = seventy_five_each(meshes)
     left = {(label, split): n for label in meshes.classes for split, n in zip(SPLITS, shares, strict=True)}
     entries = []
@@ -146,11 +146,11 @@ def _paper_objects(meshes: MeshCollection, shares: tuple[int, int, int]) -> Mesh
     return MeshCollection(entries)
 
 
-# ---- what experiments have in common -----------------------------------------------------------------------------
+# ---- base class -----------------------------------------------------------------------------
 
 
 class Experiment(ABC):
-    """Datasets in a study's folder, and the trials on them."""
+    """Experiment of a study: datasets in its folder, and the trials on them."""
 
     def __init__(self, size: Size, folder: Path) -> None:
         self.size, self.folder = size, folder
@@ -161,67 +161,67 @@ class Experiment(ABC):
 
     @abstractmethod
     def trials(self) -> list[Trial]:
-        """Return the trials, seed after seed; datasets are read when a trial needs them."""
+        """Return the trials, ordered by seed; datasets are read when a trial needs them."""
 
     def notes(self) -> dict[str, Any]:
-        """Return what study.json says of the datasets, once they are made."""
+        """Return facts about the finished datasets for study.json."""
         return {}
 
     @property
-    def n_clouds(self) -> int:
-        """Clouds that `make` makes, at most."""
+    def max_clouds(self) -> int:
+        """Maximum number of clouds that `make_datasets` makes."""
         return sum(plan.n_clouds for plan in self.plans().values())
 
-    def make(self, progress: Callable[[int], None]) -> dict[str, str]:
-        """Make the datasets, resume them, or find them finished; return the meshes that could not be used, and why.
+    def make_datasets(self, progress: Callable[[int], None]) -> dict[str, str]:
+        """Make or resume the datasets that are not finished; return the failed meshes with their errors.
 
-        `progress` is called with the number of clouds each time some are done. Raises DatasetError where a folder holds
-        another plan's dataset, MeshError where no mesh of a class could be used, GlError where OpenGL is missing.
+        `progress` is called with numbers of new clouds. Raises DatasetError where a folder holds a dataset of another
+        plan; MeshError where no mesh of a class can be used; GlError where OpenGL is missing.
         """
         failures: dict[str, str] = {}
         for name, plan in self.plans().items():
-            failures |= self._make(name, plan, progress)
+            failures |= self._make_dataset(name, plan, progress)
         return failures
 
-    def _make(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
-        folder = self.clouds(name)
+    def _make_dataset(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
+        folder = self.dataset_folder(name)
         folder.parent.mkdir(parents=True, exist_ok=True)
         failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
         used = {entry.label for entry in plan.meshes if entry.key not in failures}
         for entry in plan.meshes:
             if entry.label not in used:
                 raise MeshError(
-                    f"each class must have a mesh that can be used; {entry.label} has none. One failed so: "
-                    f"{failures[entry.key]} Mend them, and choose another folder."
+                    f"No mesh of class {entry.label} can be used. Error of one of them: {failures[entry.key]} "
+                    "Repair the meshes and choose another folder."
                 )
         return failures
 
-    def clouds(self, name: str) -> Path:
+    def dataset_folder(self, name: str) -> Path:
         """Return the folder of a dataset."""
         return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
 
-    def load(self, name: str, split: str, n_points: int) -> CloudSet:
-        """Return a split of a finished dataset, with `n_points` of each cloud; read once a process."""
-        folder = self.clouds(name)
+    def load_split(self, name: str, split: str, n_points: int) -> CloudSet:
+        """Return a split of a finished dataset, with `n_points` of each cloud; it is read once per process."""
+        folder = self.dataset_folder(name)
         return _loaded(folder, (folder / MANIFEST).stat().st_mtime_ns, split, n_points)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED_SPLITS)
 def _loaded(folder: Path, made: int, split: str, n_points: int) -> CloudSet:
     return load_clouds(folder, split, n_points)
 
 
-def as_many_clouds(passes: int, n_clouds: int) -> int:
-    """Return in how many epochs a set of clouds comes to about `passes` clouds shown."""
+def epochs_for(passes: int, n_clouds: int) -> int:
+    """Return the number of epochs in which about `passes` clouds are shown."""
     return max(1, round(passes / n_clouds))
 
 
 # ---- elevation ---------------------------------------------------------------------------------------------------
 
 PARTS = ("train", "train", "train", "val", "test")
-"""Splits of each class's objects, in turn, when some are held out."""
+"""Splits assigned in turn to the objects of each class where some are held out."""
 VALIDATION_SHARE = 0.1
-"""Of the clouds at the training elevations, where no object is held out."""
+"""Fraction of the training clouds used for validation where no object is held out."""
 AREA_POINTS = 2_000
 AREA_OBJECTS = 40
 
@@ -229,13 +229,15 @@ AREA_OBJECTS = 40
 class Elevation(Experiment):
     """Accuracy against the camera's elevation: each model with the paper's split, and with objects held out.
 
-    The objects are `two_hundred` of the meshes, or as many of each class as the size says.
+    The objects are those of `two_hundred`, or `elevation_each` of each class.
     """
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path) -> None:
         super().__init__(size, folder)
         each, n_classes = size.elevation_each, len(meshes.classes)
-        self.meshes = _divided(two_hundred(meshes) if each is None else meshes.interleaved().limit(each * n_classes))
+        self.meshes = _assign_splits(
+            two_hundred(meshes) if each is None else meshes.interleaved().limit(each * n_classes)
+        )
 
     def plans(self) -> dict[str, Plan]:
         """Return the plan of the dataset of 4.1."""
@@ -249,19 +251,19 @@ class Elevation(Experiment):
         )
         return {ELEVATION: Plan(self.meshes, recipe, "packed", _at_most(paper100(), size.azimuths))}
 
-    def make(self, progress: Callable[[int], None]) -> dict[str, str]:
-        """Make the dataset, and measure the areas that are seen of some objects (Fig. 12)."""
-        failures = super().make(progress)
+    def make_datasets(self, progress: Callable[[int], None]) -> dict[str, str]:
+        """Make the dataset, and measure the visible areas of some objects (Fig. 12)."""
+        failures = super().make_datasets(progress)
         if not (self.folder / AREAS).exists():
             usable = [entry for entry in self.meshes if entry.key not in failures]
-            levels, shares = areas_seen(usable[:AREA_OBJECTS])
+            levels, shares = visible_areas(usable[:AREA_OBJECTS])
             document = {"elevations": levels.tolist(), "planes": list(PLANES), "n_objects": len(shares)}
             document |= {"mean": shares.mean(axis=0).tolist(), "spread": shares.std(axis=0).tolist()}
             atomic.write_json(self.folder / AREAS, document)
         return failures
 
     def trials(self) -> list[Trial]:
-        """Return the trials, seed after seed."""
+        """Return the trials, ordered by seed."""
         return [
             Trial(
                 ELEVATION,
@@ -277,41 +279,41 @@ class Elevation(Experiment):
         ]
 
     def _split(self, split: str) -> CloudSet:
-        return self.load(ELEVATION, split, self.size.elevation_points)
+        return self.load_split(ELEVATION, split, self.size.elevation_points)
 
     @cached_property
     def _all(self) -> CloudSet:
-        return reduce(CloudSet.joined, map(self._split, SPLITS))
+        return reduce(CloudSet.concatenate, map(self._split, SPLITS))
 
     @cached_property
     def _for_validation(self) -> Any:
-        """Which clouds validate where no object is held out; (m,) bool."""
+        """Mask (m,) of the clouds for validation where no object is held out."""
         return np.random.default_rng(0).random(len(self._all)) < VALIDATION_SHARE
 
     def training(self, split_by: str) -> CloudSet:
-        """Return the clouds to train on, all at the training elevations."""
+        """Return the training clouds, all at the training elevations."""
         clouds = self._split("train") if split_by == "objects" else self._all.subset(~self._for_validation)
-        return _at(clouds, *TRAIN_ELEVATIONS)
+        return _at_elevations(clouds, *TRAIN_ELEVATIONS)
 
     def validation(self, split_by: str) -> CloudSet:
-        """Return the clouds to validate with, all at the training elevations."""
+        """Return the validation clouds, all at the training elevations."""
         clouds = self._split("val") if split_by == "objects" else self._all.subset(self._for_validation)
-        return _at(clouds, *TRAIN_ELEVATIONS)
+        return _at_elevations(clouds, *TRAIN_ELEVATIONS)
 
     def test(self, split_by: str, elevation: int) -> CloudSet:
-        """Return the clouds to test on at an elevation (degrees)."""
+        """Return the test clouds at an elevation (degrees)."""
         if split_by == "objects":
-            return _at(self._split("test"), elevation)
-        clouds = _at(self._all, elevation)
+            return _at_elevations(self._split("test"), elevation)
+        clouds = _at_elevations(self._all, elevation)
         return clouds.thinned(clouds.object_ids, self.size.per_elevation, seed=0)
 
     def epochs(self, n_clouds: int) -> int:
-        """Return how often each of `n_clouds` training clouds is shown: as many in all as with objects held out."""
-        return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
+        """Return the epochs for `n_clouds` training clouds: as many clouds are shown as with objects held out."""
+        return epochs_for(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
 
-def _divided(meshes: MeshCollection) -> MeshCollection:
-    """Return the meshes with the splits of `PARTS`, class by class."""
+def _assign_splits(meshes: MeshCollection) -> MeshCollection:
+    """Return the meshes of each class with the splits of `PARTS` in turn."""
     seen = Counter[str]()
     entries = []
     for entry in meshes:
@@ -321,22 +323,22 @@ def _divided(meshes: MeshCollection) -> MeshCollection:
 
 
 def _at_most(views: Views, azimuths: int) -> Views:
-    """Return at most `azimuths` views of each elevation, evenly spaced."""
+    """Return at most `azimuths` views per elevation, evenly spaced."""
     levels = degrees(views.elevation)
     chosen: list[int] = []
     for level in np.unique(levels):
-        places = np.flatnonzero(levels == level)
-        n = min(azimuths, len(places))
-        chosen += places[np.arange(n) * len(places) // n].tolist()
+        found = np.flatnonzero(levels == level)
+        n = min(azimuths, len(found))
+        chosen += found[np.arange(n) * len(found) // n].tolist()
     return views.select(sorted(chosen))
 
 
-def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return how much of each of m objects is seen from each elevation of the paper's 100 views.
+def visible_areas(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the visible areas of m objects at each elevation of the paper's 100 views.
 
-    The elevations (19,) in degrees, and shares (m, 19, 3) of the areas projected on `PLANES` (`projected_areas`), mean
-    over the azimuths. Each object's own largest is 1 on each plane: large and small objects count alike, and what
-    shows is where an object shows less of itself than from elsewhere. The paper's Fig. 12 shows one airplane.
+    Returns the elevations (19,) in degrees, and projected areas (m, 19, 3) on `PLANES` (see `projected_areas`), means
+    over the azimuths. On each plane the largest area of an object is 1, so large and small objects count equally. The
+    paper's Fig. 12 shows one airplane.
     """
     views, mask = paper100(), make_mask(MAIN.method, {})
     each = degrees(views.elevation)
@@ -348,7 +350,7 @@ def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArr
     return levels, np.array(curves) / np.max(curves, axis=1, keepdims=True)
 
 
-def _at(clouds: CloudSet, *elevations: int) -> CloudSet:
+def _at_elevations(clouds: CloudSet, *elevations: int) -> CloudSet:
     return clouds.subset(np.isin(degrees(clouds.elevations), elevations))
 
 
@@ -356,10 +358,10 @@ def _at(clouds: CloudSet, *elevations: int) -> CloudSet:
 
 
 class Augmentation(Experiment):
-    """Training on occluded clouds, complete ones, or both, and on the clouds of each method of HSR.
+    """Training on occluded clouds, on complete ones, on both, and on the clouds by each method of HSR.
 
-    `scans` are the root of real scans and which direction of them is up. `budgets` (of `BUDGETS`) say how long
-    classifiers are trained: those of Table 3B under each, methods under the first.
+    `scans` are the root of the real scans and their up direction. `budgets` are keys of `BUDGETS`: the classifiers of
+    Table 3B are trained under each of them, the methods are compared under the first.
     """
 
     def __init__(
@@ -373,9 +375,9 @@ class Augmentation(Experiment):
         super().__init__(size, folder)
         self.scans, self.budgets = scans, tuple(budgets)
         self.meshes = _paper_objects(meshes, size.shares)
-        self.missing: dict[str, str] = {}  # methods that cannot run here, and why; `make` fills it
+        self.missing: dict[str, str] = {}  # reasons why methods cannot run here, set by `make_datasets`
 
-    def plan(self, method: Subject) -> Plan:
+    def plan_of(self, method: Subject) -> Plan:
         """Return the plan of the occluded clouds by a method."""
         size, views = self.size, modelnet8()
         recipe = DatasetConfig(
@@ -385,38 +387,38 @@ class Augmentation(Experiment):
             n_points=size.sampled,
             sample_size=max(size.n_points),
         )
-        # 5 elevations by 5 azimuths, row by row: every sixth goes down the diagonal, and in the end comes to all
+        # of 5 x 5 views, every sixth is on the diagonal; multiples of 6 modulo 25 reach all of them
         return Plan(self.meshes, recipe, "packed", views.select(np.sort(np.arange(size.views) * 6 % len(views))))
 
     def plans(self) -> dict[str, Plan]:
         """Return the plans of the complete clouds, and of the occluded ones by each method."""
-        return {ORIGINAL: plan_of_originals(self.plan(MAIN)), **{m.label: self.plan(m) for m in METHODS}}
+        return {ORIGINAL: plan_of_originals(self.plan_of(MAIN)), **{m.label: self.plan_of(m) for m in METHODS}}
 
-    def _make(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
+    def _make_dataset(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
         """Make a dataset; a method that cannot run here is left out."""
         try:
-            return super()._make(name, plan, progress)
+            return super()._make_dataset(name, plan, progress)
         except (GlError, UnavailableError) as error:
             if name == ORIGINAL:
                 raise
             self.missing[name] = str(error)
-            progress(plan.n_clouds)  # there will be none to wait for
+            progress(plan.n_clouds)  # the progress bar must reach its end
             return {}
 
     def notes(self) -> dict[str, Any]:
-        """Return the methods that cannot run here, and why."""
+        """Return the methods that cannot run here, with reasons."""
         return {"missing_methods": self.missing}
 
-    def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
-        """Return the clouds of a split; `kind` is of `TRAINING_SETS`: generated (by a method), original, both."""
+    def clouds_of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
+        """Return the clouds of a split; `kind` is generated (by a method), original or both, as in `TRAINING_SETS`."""
         names = [method.label] * (kind != ORIGINAL) + [ORIGINAL] * (kind != GENERATED)
-        return reduce(CloudSet.joined, (self.load(name, split, n_points) for name in names))
+        return reduce(CloudSet.concatenate, (self.load_split(name, split, n_points) for name in names))
 
     def trials(self) -> list[Trial]:
         """Return the trials of Table 3B, then those that compare methods.
 
-        Of Table 3B: each model on each training set, with each number of points, under each budget. Of the methods:
-        trained on the generated clouds of one, tested on those of each; with `MAIN` that is training set 1 of Table 3B.
+        Table 3B: each model, training set, number of points and budget. Methods: training on the generated clouds by
+        one, tests on those by each; for `MAIN` this is training set 1 of Table 3B.
         """
         size, last, first_budget = self.size, self.size.n_points[-1], self.budgets[0]
         able = [method for method in METHODS if method.label not in self.missing]
@@ -424,8 +426,8 @@ class Augmentation(Experiment):
             Trial(
                 AUGMENTATION,
                 {"model": model, "set": training_set, "points": n_points, "budget": budget, "seed": seed},
-                partial(self.of, kind, "train", n_points),
-                partial(self.of, kind, "val", n_points),
+                partial(self.clouds_of, kind, "train", n_points),
+                partial(self.clouds_of, kind, "val", n_points),
                 self._tests(n_points, able if n_points == last and model in size.method_models else [MAIN]),
                 partial(self._epochs, budget),
             )
@@ -439,8 +441,8 @@ class Augmentation(Experiment):
             Trial(
                 HSR,
                 {"model": model, "method": method.label, "points": last, "budget": first_budget, "seed": seed},
-                partial(self.of, GENERATED, "train", last, method),
-                partial(self.of, GENERATED, "val", last, method),
+                partial(self.clouds_of, GENERATED, "train", last, method),
+                partial(self.clouds_of, GENERATED, "val", last, method),
                 self._tests(last, able),
                 partial(self._epochs, first_budget),
             )
@@ -451,11 +453,13 @@ class Augmentation(Experiment):
         return table_3b + methods
 
     def _epochs(self, budget: str, n_clouds: int) -> int:
-        return as_many_clouds(self.size.passes, n_clouds) if budget == CLOUDS else self.size.epochs
+        return epochs_for(self.size.passes, n_clouds) if budget == CLOUDS else self.size.epochs
 
     def _tests(self, n_points: int, methods: Iterable[Subject]) -> dict[str, Callable[[], CloudSet]]:
-        tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.of, ORIGINAL, "test", n_points)}
-        tests |= {name_of_test(method): partial(self.of, GENERATED, "test", n_points, method) for method in methods}
+        tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.clouds_of, ORIGINAL, "test", n_points)}
+        tests |= {
+            name_of_test(method): partial(self.clouds_of, GENERATED, "test", n_points, method) for method in methods
+        }
         if self.scans is not None:
             tests[SCANS] = partial(read_scans, self.scans[0], n_points, self.scans[1])
         return tests
@@ -464,27 +468,27 @@ class Augmentation(Experiment):
 # ---- realism -----------------------------------------------------------------------------------------------------
 
 SENSOR = "hdl-64e"
-"""KITTI's."""
-METRES = 4.5
-"""Longest side of every object: a car's, for a bottle of its own size would have no points at these ranges."""
+"""LiDAR of the realism experiment: that of KITTI."""
+OBJECT_METRES = 4.5
+"""Longest side of every object, that of a car; a bottle of true size would have no points at these ranges."""
 TRIANGULATING, NEAR_METRES, NEAR_RANGE = "kinect-v1", 1.0, (1.2, 3.5)
-"""Of `TWO_EYES`: the sensor, the longest side of every object, and the range."""
+"""Sensor, longest side of the objects, and range of `TWO_EYES`; metres."""
 RANGE = (6.0, 40.0)
 HIDDEN = (0.0, 0.6)
 ELEVATIONS = "2..8"
-"""Of the views, degrees. In streets the sensor's height says it: 1.73 m, seen from the object's middle."""
+"""Elevations of the views, degrees. In streets the sensor's height of 1.73 m determines them."""
 LEAST_POINTS = 16
-"""A view of an object is left out in which one of the kinds has fewer."""
+"""Minimum points of a view of an object in every kind; other views are left out."""
 
 Clouds = dict[tuple[int, int], NDArray[np.float32]]
-"""Of a mesh and view the points, each once."""
+"""Points by mesh and view, without repeats."""
 
 
 class Realism(Experiment):
-    """Datasets of the same objects from the same sides (`KINDS`), and real objects in a layout of `real_scans`.
+    """Datasets of the same objects and views in several `KINDS`, and real objects in a layout of `real_scans`.
 
-    With their `own` numbers of points, the kinds differ in how many points a cloud has. `matched`, each cloud is
-    thinned to the fewest that one of them has of that object and view: only where the points lie differs.
+    With their `own` numbers of points, the clouds of the kinds differ in size. With `matched` numbers, each cloud is
+    thinned to the smallest of its object and view: only the positions of the points differ.
     """
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path, real: Path | None = None) -> None:
@@ -505,20 +509,18 @@ class Realism(Experiment):
         setup = ScanConfig(
             make(TRIANGULATING if near else SENSOR).to_dict(),
             range=NEAR_RANGE if near else RANGE,
-            size={"*": NEAR_METRES if near else METRES},
+            size={"*": NEAR_METRES if near else OBJECT_METRES},
             method=default_caster(),
             **scene,
         )
         return Plan(self.meshes, DatasetConfig(**common, scanning=setup.to_dict()))
 
-    def of(self, kind: str, count: str, split: str) -> CloudSet:
-        """Return the clouds of a kind, a way to count points (one of `COUNTS`), and a split."""
+    def clouds_of(self, kind: str, count: str, split: str) -> CloudSet:
+        """Return the clouds of a kind, one of `COUNTS` and a split."""
         read = self._read(split)
         clouds = read.clouds[count][kind]
         if not clouds:
-            raise DatasetError(
-                f"each kind of clouds must have {LEAST_POINTS} points in some view; {kind} has not. Make more."
-            )
+            raise DatasetError(f"No view of {kind} clouds has {LEAST_POINTS} points. Use more objects or views.")
         n_points = self.size.n_points[-1]
         positions = [resampled(points, n_points, f"realism/filled/{kind}/{key}") for key, points in clouds.items()]
         meshes = np.array([mesh for mesh, _ in clouds])
@@ -526,7 +528,7 @@ class Realism(Experiment):
         return CloudSet(np.stack(positions), labels, read.classes, meshes, np.full(len(meshes), np.nan))
 
     def notes(self) -> dict[str, Any]:
-        """Return what the report is to say of the clouds, of all splits."""
+        """Return facts about the clouds of all splits for the report."""
         parts = [self._read(split).clouds[OWN] for split in SPLITS]
         views = [view for part in parts for view in part[UNIFORM]]
         facts = {
@@ -534,7 +536,7 @@ class Realism(Experiment):
             "clouds": len(views),
             "points": {k: float(np.median([len(p) for part in parts for p in part[k].values()])) for k in KINDS},
             "sensor": SENSOR,
-            "metres": METRES,
+            "metres": OBJECT_METRES,
             "range": RANGE,
             "hidden": HIDDEN,
             "least": LEAST_POINTS,
@@ -543,15 +545,15 @@ class Realism(Experiment):
         return {"realism": facts}
 
     def trials(self) -> list[Trial]:
-        """Return the trials: trained on each kind, with own and with matched numbers of points; seed after seed."""
+        """Return the trials: trained on each kind, with own and matched numbers of points, ordered by seed."""
         return [
             Trial(
                 REALISM,
                 {"model": model, "trained_on": kind, "counts": count, "seed": seed},
-                partial(self.of, kind, count, "train"),
-                partial(self.of, kind, count, "val"),
+                partial(self.clouds_of, kind, count, "train"),
+                partial(self.clouds_of, kind, count, "val"),
                 self._tests(count),
-                partial(as_many_clouds, self.size.passes),
+                partial(epochs_for, self.size.passes),
             )
             for seed in self.size.seeds
             for model in self.size.method_models
@@ -560,21 +562,23 @@ class Realism(Experiment):
         ]
 
     def _tests(self, count: str) -> dict[str, Callable[[], CloudSet]]:
-        tests: dict[str, Callable[[], CloudSet]] = {kind: partial(self.of, kind, count, "test") for kind in KINDS}
+        tests: dict[str, Callable[[], CloudSet]] = {
+            kind: partial(self.clouds_of, kind, count, "test") for kind in KINDS
+        }
         if self.real is not None:
             tests[f"real:{layout_of(self.real).name}"] = partial(read_objects, self.real, self.size.n_points[-1])
         return tests
 
     def _read(self, split: str) -> "_Split":
-        folders = tuple((kind, self.clouds(f"{REALISM}-{kind}")) for kind in KINDS)
+        folders = tuple((kind, self.dataset_folder(f"{REALISM}-{kind}")) for kind in KINDS)
         return _read_split(folders, tuple((folder / MANIFEST).stat().st_mtime_ns for _, folder in folders), split)
 
 
 class _Split(NamedTuple):
-    """A split of all kinds."""
+    """A split of all kinds of clouds."""
 
-    clouds: dict[str, dict[str, Clouds]]  # by count and kind, as of `in_both_counts`
-    labels: dict[int, int]  # of each mesh
+    clouds: dict[str, dict[str, Clouds]]  # by count and kind, as returned by `own_and_matched`
+    labels: dict[int, int]  # label of each mesh
     classes: tuple[str, ...]
 
 
@@ -590,13 +594,13 @@ def _read_split(folders: tuple[tuple[str, Path], ...], made: tuple[int, ...], sp
             mesh = int(record["mesh_id"])
             sets[kind][mesh, int(record["view_id"])] = np.unique(record["data"], axis=0)
             labels[mesh] = int(record["label"][0])
-    return _Split(in_both_counts(sets), labels, classes)
+    return _Split(own_and_matched(sets), labels, classes)
 
 
-def in_both_counts(sets: dict[str, Clouds]) -> dict[str, dict[str, Clouds]]:
-    """Return clouds of the same meshes and views by count and kind: with their own points, and thinned to the least.
+def own_and_matched(sets: dict[str, Clouds]) -> dict[str, dict[str, Clouds]]:
+    """Return the clouds by count and kind: with their own points, and thinned to the smallest of a mesh and view.
 
-    A mesh and view is in all of them or in none: where one has fewer than `LEAST_POINTS` points, it is left out.
+    A mesh and view is left out of all kinds where one kind has fewer than `LEAST_POINTS` points.
     """
     shared = sorted(set.intersection(*(set(clouds) for clouds in sets.values())))
     least = {key: min(len(clouds[key]) for clouds in sets.values()) for key in shared}

@@ -1,4 +1,4 @@
-"""The paper's figures 4, 7, 8, 10, 11 and 12 of any mesh, and 9, the objects made by formulas."""
+"""The paper's figures 4, 7, 8, 10, 11 and 12 of any mesh, and figure 9, the objects made by formulas."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ from zbuf_occlude.visibility import prepare
 
 ORIGIN = np.zeros(3)
 PLANES = ("y-z", "x-z", "x-y")
-"""That areas are projected on, as `projected_areas` orders them."""
+"""Planes of projection, in the order of `projected_areas`."""
 Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
-"""How hidden surfaces are removed: (mesh, points, eyes (k, 3)) to (k, n) bool."""
+"""Function of a mesh, n points and eyes (k, 3) that returns the visibility mask (k, n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """What a figure is drawn of."""
+    """Object of a figure."""
 
     mesh: Mesh  # longest side 1, about the origin
     mask: Mask
     seed: int = 0
-    scan: FloatArray | None = None  # (n, 3), metres, the scanner at the origin, z up: the last row of fig. 7
-    distance: float = PAPER_DISTANCE  # of the cameras that decide what is visible, from the centre
+    scan: FloatArray | None = None  # (n, 3), metres, scanner at the origin, z up; last row of fig. 7
+    distance: float = PAPER_DISTANCE  # distance of the cameras from the centre
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class PaperFigure:
     """A figure of the paper."""
 
     draw: Callable[[Exhibit], Figure]
-    kind: str  # class of the built-in shape that is drawn by default; empty where objects of its own are
+    kind: str  # class of the built-in shape drawn by default; empty for a figure with its own objects
     summary: str
-    masked: bool = True  # whether it uses the exhibit's mask; or else it shows one method, or none
+    masked: bool = True  # True if the figure uses the exhibit's mask
 
 
 def make_mask(method: str, options: dict[str, Any]) -> Mask:
-    """Return how a method of the table removes hidden surfaces."""
+    """Return the function that computes masks by a method of the table."""
 
     def mask(mesh: Mesh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         with prepare(mesh, method, **options) as occluder:
@@ -64,12 +64,12 @@ def eye_at(azimuth: float, elevation: float, distance: float = 4.0) -> FloatArra
 
 
 def radius_of(mesh: Mesh) -> float:
-    """Return half of a panel's side that holds a centred mesh from wherever it is seen."""
+    """Return half the side of a panel that shows a centred mesh from any direction."""
     return 0.52 * mesh.diagonal
 
 
 def figure_4(exhibit: Exhibit) -> Figure:
-    """Division of faces of large area into smaller ones: before and after."""
+    """Draw the division of large faces: before and after."""
     mesh = exhibit.mesh
     division = divide_faces(mesh, 1.0 / 600.0, max(20_000, len(mesh.faces)))
     figure, axes = new_figure(1, 2, panel=4.2)
@@ -80,11 +80,11 @@ def figure_4(exhibit: Exhibit) -> Figure:
 
 
 SIDES = ((0, 0, "the camera"), (90, 0, "its right"), (180, 15, "behind"))
-"""Viewpoints as turns about the object from the camera's own place: degrees of azimuth and elevation, and a name."""
+"""Viewpoints relative to the camera: azimuth and elevation in degrees, and a name."""
 
 
 def figure_7(exhibit: Exhibit) -> Figure:
-    """Mesh, full sampling, occupancy grid; the occluded cloud from three sides; a real scan from three sides."""
+    """Draw mesh, full sampling and occupancy grid; the occluded cloud and a real scan from three sides."""
     mesh, seed = exhibit.mesh, exhibit.seed
     points = sample_surface(mesh, n_points=100_000, seed=seed)
     azimuth, elevation = 40.0, 20.0
@@ -106,7 +106,7 @@ def figure_7(exhibit: Exhibit) -> Figure:
     if exhibit.scan is not None:
         low, high = exhibit.scan.min(axis=0), exhibit.scan.max(axis=0)
         cloud = (exhibit.scan - (low + high) / 2) / float((high - low).max())
-        x, y, z = -(low + high) / 2  # to the scanner
+        x, y, z = -(low + high) / 2  # direction of the scanner
         azimuth, elevation = np.degrees(np.arctan2([y, z], [x, np.hypot(x, y)]))
         for panel, letter, (turn, rise, where) in zip(axes[2], "GHI", SIDES, strict=True):
             eye = eye_at(azimuth + turn, min(89.0, elevation + rise))
@@ -116,7 +116,7 @@ def figure_7(exhibit: Exhibit) -> Figure:
 
 
 def figure_8(exhibit: Exhibit) -> Figure:
-    """Object with the camera, result of HSR by vertices (large faces divided first), cloud sampled on the rest."""
+    """Draw the object with the camera, the result of HSR by vertices (large faces divided), and a sampled cloud."""
     mesh, seed = exhibit.mesh, exhibit.seed
     camera = eye_at(20, 25, 1.9)
     divided = divide_faces(mesh, 1.0 / 4000.0, max(20_000, len(mesh.faces))).mesh
@@ -141,7 +141,7 @@ def figure_8(exhibit: Exhibit) -> Figure:
 
 
 def figure_9(exhibit: Exhibit) -> Figure:
-    """The built-in objects made by formulas, whatever the exhibit is."""
+    """Draw the built-in objects made by formulas; the exhibit is not used."""
     objects = list(formulas.collection())
     figure, axes = new_figure(-(-len(objects) // 7), 7, panel=1.7)
     for panel, entry in zip(axes.flat, objects, strict=False):
@@ -152,17 +152,17 @@ def figure_9(exhibit: Exhibit) -> Figure:
 
 
 def figure_10(exhibit: Exhibit) -> Figure:
-    """Four azimuths: above from a fixed viewpoint, below from each camera's."""
+    """Draw four azimuths: above from a fixed viewpoint, below from each camera."""
     return _four_views(exhibit, [(azimuth, 20.0) for azimuth in (0.0, 72.0, 144.0, 216.0)], "azimuth")
 
 
 def figure_11(exhibit: Exhibit) -> Figure:
-    """Four elevations: above from a fixed viewpoint, below from each camera's."""
+    """Draw four elevations: above from a fixed viewpoint, below from each camera."""
     return _four_views(exhibit, [(30.0, elevation) for elevation in (-60.0, -20.0, 20.0, 60.0)], "elevation")
 
 
 def figure_12(exhibit: Exhibit) -> Figure:
-    """Projected area of the visible part on the three coordinate planes against the camera's elevation."""
+    """Plot the projected area of the visible part on the coordinate planes against the camera's elevation."""
     views = paper100(exhibit.distance)
     areas = projected_areas(exhibit.mesh, exhibit.mask, views, exhibit.seed)
     elevations = degrees(views.elevation)
@@ -193,11 +193,11 @@ def degrees(elevations: Any) -> Any:
 
 
 def projected_areas(mesh: Mesh, mask: Mask, views: Views, seed: int, n_points: int = 20_000) -> FloatArray:
-    """Return the projected area (k, 3) of what each of k views sees on the planes across x, y and z.
+    """Return the projected areas (k, 3) of the visible part on the planes across x, y and z, for k views.
 
-    The sum over the visible ones of `n_points` samples of area element times the absolute component of the unit
-    normal; layers of the visible part that lie behind each other along the axis all count. Paper 4.2, Fig. 12, does
-    not say how it measures the area; the definition is ours.
+    An area is the sum over the visible ones of `n_points` samples of area element times absolute component of the unit
+    normal; overlapping layers of the visible part all count. The paper (4.2, Fig. 12) does not define its area; this
+    definition is ours.
     """
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     visible = mask(mesh, points, views.eyes)
@@ -205,7 +205,7 @@ def projected_areas(mesh: Mesh, mask: Mask, views: Views, seed: int, n_points: i
 
 
 def cells_as_mesh(occupied: BoolArray) -> Mesh:
-    """Return the outside of a grid's occupied cells as triangles; the grid is the unit cube about the origin."""
+    """Return the surface of a grid's occupied cells as triangles; the grid is the unit cube about the origin."""
     n = len(occupied)
     padded = np.pad(occupied, 1)
     quads = []
@@ -223,7 +223,7 @@ def cells_as_mesh(occupied: BoolArray) -> Mesh:
 
 
 def draw_camera(axes: Axes, camera: FloatArray, looks_at: FloatArray, **view: Any) -> None:
-    """Draw a camera as a little pyramid, its line of sight dashed; `view` as for `draw_mesh`."""
+    """Draw a camera as a small pyramid with a dashed line of sight; `view` as for `draw_mesh`."""
     backwards = view_matrices(camera[None], looks_at)[0, :3, :3]
     corners = np.array([[x, y, -0.26] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * [0.15, 0.11, 1.0]
     at = {"eye": view["eye"], "target": view["target"]}
@@ -246,12 +246,14 @@ def _four_views(exhibit: Exhibit, angles: Sequence[tuple[float, float]], varied:
     figure, axes = new_figure(2, len(angles), panel=2.9)
     for column, (eye, seen) in enumerate(zip(eyes, visible, strict=True)):
         cloud = points.select(seen)
-        for row, place in enumerate((eye_at(110, 20), eye)):
+        for row, viewpoint in enumerate((eye_at(110, 20), eye)):
             panel = axes[row, column]
-            draw_cloud(panel, cloud.positions, normals=cloud.normals, eye=place, target=ORIGIN, radius=radius_of(mesh))
+            draw_cloud(
+                panel, cloud.positions, normals=cloud.normals, eye=viewpoint, target=ORIGIN, radius=radius_of(mesh)
+            )
         angle = angles[column][0 if varied == "azimuth" else 1]
         title(axes[0, column], f"{varied} {angle:.0f}°, {seen.mean():.0%} visible")
-    figure.suptitle("Above: from a fixed viewpoint. Below: from each camera's.", fontsize=10, color=GREY)
+    figure.suptitle("Above: from a fixed viewpoint. Below: from each camera.", fontsize=10, color=GREY)
     return figure
 
 

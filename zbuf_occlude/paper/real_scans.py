@@ -1,4 +1,4 @@
-"""Real scans that classifiers are tested on: Sydney Urban Objects, and crops of labelled sweeps of real drives."""
+"""Real scans for tests of classifiers: Sydney Urban Objects, and crops of labelled sweeps of real drives."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Set
@@ -21,9 +21,9 @@ from zbuf_occlude.provenance import seed_of
 
 
 def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.float32]:
-    """Return a cloud (n_points, 3) float32 of points (n, 3), drawn by its name; centred, its longest side 1.
+    """Return a cloud (n_points, 3) float32 of points (n, 3), centred, longest side 1; `name` seeds the random draw.
 
-    Points repeat only where there are fewer.
+    Points repeat only where there are fewer than `n_points`.
     """
     chosen = np.asarray(points[draw(np.arange(len(points)), n_points, np.random.default_rng(seed_of(0, name)))], float)
     centre, factor = unit_box_transform(chosen)
@@ -36,31 +36,31 @@ CLASSES = (
     "4wd", "building", "bus", "car", "pedestrian", "pillar", "pole", "traffic_lights", "traffic_sign", "tree", "truck",
     "trunk", "ute", "van",
 )  # fmt: skip
-"""The fourteen classes that are in the folds, 588 scans; twelve others, 43 scans, are in none."""
+"""The fourteen classes in the folds (588 scans); twelve other classes (43 scans) are in none."""
 VEHICLES = ("4wd", "bus", "car", "truck", "ute", "van")
-"""The six classes that the paper's 4.4 expects to be taken for cars: 188 of the 588."""
+"""The six classes that the paper (4.4) expects to be labelled car: 188 of the 588 scans."""
 N_FOLDS = 4
 UPS = ("z", "-z")
-"""Which direction of the files is up; `find_frame` finds out."""
+"""Possible up directions of the files; `find_frame` finds the right one."""
 SOURCE = "https://www.acfr.usyd.edu.au/papers/SydneyUrbanObjectsDataset.shtml"
 ARCHIVE = "sydney-urban-objects-dataset"
-"""Folder that the archive unpacks into."""
+"""Folder in the archive."""
 
 RECORD = np.dtype(
     [("t", "<i8"), ("intensity", "u1"), ("id", "u1"), *((name, "<f4") for name in ("x", "y", "z", "azimuth", "range")),
      ("pid", "<i4")]
 )  # fmt: skip
-"""A point of a binary file, 34 bytes without gaps; a CSV file has the same columns, its time as text."""
+"""Record of a point in a binary file, 34 bytes; a CSV file has the same columns, with the time as text."""
 _XYZ = (3, 4, 5)  # columns of a CSV file
 
 TOP_HEAVY = ("tree", "traffic_sign", "traffic_lights")
-"""Classes that are wider above than below: a crown on a trunk, a plate or lights on a pole."""
-ASSUMED = "-z"
-"""Taken where the scans do not say: x forward, y right, z down, as vehicles' frames of that group are."""
+"""Classes that are wider above than below: crowns on trunks, signs and lights on poles."""
+ASSUMED_UP = "-z"
+"""Up direction assumed where the scans do not decide: vehicle frames of that group have z down."""
 FEWEST_POINTS, LEAST_HEIGHT = 30, 0.5
-"""A scan with fewer points, or lower (metres), does not vote."""
-SURE = 3.0
-"""Standard deviations that the votes must be away from a coin's."""
+"""Minimum points and height (metres) of a scan that votes on the up direction."""
+VOTE_SIGMAS = 3.0
+"""Standard deviations of a fair coin by which the votes must differ from a draw."""
 SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 
 
@@ -69,19 +69,19 @@ class SydneyScan(NamedTuple):
 
     name: str  # CLASS.NUMBER.FRAME, such as 4wd.0.2299
     fold: int
-    path: Path  # binary where there is one
+    path: Path  # binary file if there is one
 
     @property
-    def label(self) -> str:
-        """Name of its class."""
+    def class_name(self) -> str:
+        """Name of the class."""
         return self.name.partition(".")[0]
 
 
 def find_scans(root: Path) -> list[SydneyScan]:
-    """List the scans of the four folds, fold after fold, in the order of the fold's file.
+    """Return the scans of the four folds, in the order of the files of the folds.
 
     `root` is the unpacked archive: the folder with ``objects/`` and ``folds/``, or the folder above it. Raises
-    DatasetError where a folder, a fold or a scan is missing, or a scan's class is none of `CLASSES`.
+    DatasetError where a folder, a fold or a scan is missing, or the class of a scan is not in `CLASSES`.
     """
     found = next((path for path in (root, root / ARCHIVE) if (path / "folds").is_dir()), None)
     if found is None or not (found / "objects").is_dir():
@@ -104,21 +104,21 @@ def find_scans(root: Path) -> list[SydneyScan]:
                     "Unpack the archive again."
                 )
             scan = SydneyScan(name, fold, path)
-            if scan.label not in CLASSES:
+            if scan.class_name not in CLASSES:
                 raise DatasetError(
-                    f"the class of a scan in {names} must be one of {', '.join(CLASSES)}; {name} is of {scan.label!r}."
+                    f"the class of a scan in {names} must be one of {', '.join(CLASSES)}; that of {name} is not."
                 )
             scans.append(scan)
     return scans
 
 
 def check_scans(root: Path) -> None:
-    """Read every scan, so that what is wrong is known before classifiers are trained, not after.
+    """Read every scan, to find errors before classifiers are trained.
 
-    Raises DatasetError as `find_scans` and `read_scan`; or where the folds have no scan of one of `VEHICLES`.
+    Raises DatasetError as `find_scans` and `read_scan` do, and where the folds lack one of `VEHICLES`.
     """
     scans = find_scans(root)
-    absent = [label for label in VEHICLES if not any(scan.label == label for scan in scans)]
+    absent = [label for label in VEHICLES if not any(scan.class_name == label for scan in scans)]
     if absent:
         raise DatasetError(
             f"the folds in {root} must have scans of {', '.join(VEHICLES)}; they have none of {', '.join(absent)}. "
@@ -129,8 +129,8 @@ def check_scans(root: Path) -> None:
 
 
 def largest_scan(root: Path, label: str) -> SydneyScan:
-    """Return the scan of a class that has the most points; raises DatasetError where there is none."""
-    scans = [scan for scan in find_scans(root) if scan.label == label]
+    """Return the scan of a class with the most points; raises DatasetError where there is none."""
+    scans = [scan for scan in find_scans(root) if scan.class_name == label]
     if not scans:
         raise DatasetError(f"the folds in {root} must have scans of {label}; they have none. Unpack the archive again.")
     return max(scans, key=lambda scan: (len(read_scan(scan.path, UPS[0])), scan.name))
@@ -139,9 +139,9 @@ def largest_scan(root: Path, label: str) -> SydneyScan:
 def read_scan(path: Path, up: str) -> FloatArray:
     """Read the points (n, 3) of a scan, ``.bin`` (records of `RECORD`) or ``.csv``, metres, z up.
 
-    `up` says which direction of the file is up, one of `UPS`; where it is -z, both y and z change their sign, so that
-    nothing is mirrored. Raises DatasetError for a file that is not whole records, not numbers, without a point, or
-    with positions that are not finite in float32.
+    `up` is the up direction of the file, one of `UPS`; for -z, both y and z change sign, which mirrors nothing. Raises
+    DatasetError for incomplete records, text that is no number, a file without points, or positions that are not finite
+    in float32.
     """
     if path.suffix == ".bin":
         size = path.stat().st_size
@@ -169,52 +169,53 @@ def read_scan(path: Path, up: str) -> FloatArray:
 
 @lru_cache(2)
 def read_scans(root: Path, n_points: int, up: str) -> CloudSet:
-    """Read the scans of the four folds as clouds of equal size, once a process; raises as `find_scans`, `read_scan`.
+    """Read the scans of the four folds as clouds of equal size, centred, longest side 1; cached.
 
-    Labels index `CLASSES`, each scan is an object of its own; centred, longest side 1; elevations unknown. Points of a
-    scan repeat only where there are fewer than `n_points` (half of the scans have fewer than 180).
+    Labels are indices into `CLASSES`; each scan is an object of its own; elevations are NaN. Points of a scan repeat
+    only where there are fewer than `n_points` (half of the scans have fewer than 180). Raises as `find_scans` and
+    `read_scan` do.
     """
     scans = find_scans(root)
     clouds = [resampled(read_scan(scan.path, up), n_points, f"sydney/{scan.name}") for scan in scans]
-    labels = np.array([CLASSES.index(scan.label) for scan in scans])
+    labels = np.array([CLASSES.index(scan.class_name) for scan in scans])
     return CloudSet(np.stack(clouds), labels, CLASSES, np.arange(len(scans)), np.full(len(scans), np.nan))
 
 
 class UpAxis(NamedTuple):
-    """Which direction of the scans' files is up, one of `UPS`, and a sentence that says how that is known."""
+    """Up direction of the scans' files, one of `UPS`, and a sentence on how it was found."""
 
     up: str
     said: str
 
 
 def find_frame(root: Path) -> UpAxis:
-    """Find out which way is up, from all scans of the folds; `ASSUMED` where they do not say clearly.
+    """Find the up direction from all scans of the folds; `ASSUMED_UP` where the votes are not clear.
 
-    A vehicle is longer below, where bonnet and boot are, than its cabin; what stands on a trunk or a pole is wider
-    than it. Neither needs to know where the scanner was. That there are more points below does not say it: of
-    simulated scans of cars only five of twelve have. Each scan is a vote, and the votes must be `SURE` standard
-    deviations away from those of a coin.
+    Vehicles are wider below (bonnet and boot) than above (cabin); objects on trunks and poles are wider above. Neither
+    depends on the position of the scanner. The number of points does not decide: only five of twelve simulated scans of
+    cars have more points below. Each scan has a vote; the difference must exceed `VOTE_SIGMAS` standard deviations
+    of a fair coin.
     """
     scans = find_scans(root)
-    votes = Counter((scan.label in VEHICLES, vote(read_scan(scan.path, "z"), scan.label)) for scan in scans)
+    votes = Counter((scan.class_name in VEHICLES, vote(read_scan(scan.path, "z"), scan.class_name)) for scan in scans)
     up = clear_majority(votes[True, 1] + votes[False, 1], votes[True, -1] + votes[False, -1])
     return UpAxis(
-        up or ASSUMED,
-        f"{up or ASSUMED} of the files is up, {'found from the scans' if up else 'assumed'}: "
+        up or ASSUMED_UP,
+        f"{up or ASSUMED_UP} of the files is up, {'found from the scans' if up else 'assumed'}: "
         f"wider below than above are {votes[True, -1]} vehicles if -z is up, {votes[True, 1]} if z is; wider above "
         f"than below {votes[False, -1]} trees, signs and lights if -z is up, {votes[False, 1]} if z is.",
     )
 
 
 def clear_majority(for_z: int, for_minus_z: int) -> str:
-    """Return the direction that the votes are clear about, or nothing."""
-    if abs(for_z - for_minus_z) <= SURE * (for_z + for_minus_z) ** 0.5:
+    """Return the direction with a clear majority, or ""."""
+    if abs(for_z - for_minus_z) <= VOTE_SIGMAS * (for_z + for_minus_z) ** 0.5:
         return ""
     return "z" if for_z > for_minus_z else "-z"
 
 
 def vote(points: FloatArray, label: str) -> int:
-    """Return which way is up in a scan (n, 3) as in its file: 1 for z, -1 for -z, 0 where it does not say."""
+    """Return the vote of a scan (n, 3) in the frame of its file: 1 for z up, -1 for -z up, 0 for neither."""
     heights = points[:, 2] - (points[:, 2].min() + points[:, 2].max()) / 2.0
     if len(points) < FEWEST_POINTS or np.ptp(heights) < LEAST_HEIGHT or label not in (*VEHICLES, *TOP_HEAVY):
         return 0
@@ -227,14 +228,14 @@ def vote(points: FloatArray, label: str) -> int:
 
 
 def picture_of_scans(root: Path, up: str) -> Figure:
-    """Draw the largest scan of some classes from the side, up as taken: wheels and trunks belong below."""
+    """Draw the largest scan of some classes from the side; with the right up direction, wheels are below."""
     figure, panels = new_figure(1, len(SHOWN), panel=1.85)
     for axes, label in zip(panels[0], SHOWN, strict=True):
         axes.set_aspect("equal", "datalim")
-        if any(scan.label == label for scan in find_scans(root)):
+        if any(scan.class_name == label for scan in find_scans(root)):
             points = read_scan(largest_scan(root, label).path, up)
             ground = points[:, :2] - points[:, :2].mean(axis=0)
-            along = np.linalg.svd(ground, full_matrices=False)[2][0]  # its longest direction lies across the picture
+            along = np.linalg.svd(ground, full_matrices=False)[2][0]  # longest direction: the horizontal axis
             axes.plot(ground @ along, points[:, 2], linestyle="none", marker=".", markersize=1.5, color="#0072b2")
         axes.set_title(label, fontsize=10)
     return figure
@@ -243,27 +244,27 @@ def picture_of_scans(root: Path, up: str) -> Figure:
 # ---- objects of real drives ------------------------------------------------------------------------------------------
 
 LEAST_POINTS = 16
-"""A box with fewer is left out."""
+"""Minimum points of a box; others are left out."""
 MOST_SWEEPS = 400
-"""Sweeps read of a folder, evenly spaced: some gigabytes of points, ten thousand objects."""
+"""Maximum sweeps read from a folder, evenly spaced: gigabytes of points, about ten thousand objects."""
 
 
 class LabelledBox(NamedTuple):
     """A labelled box in the frame of the points, metres."""
 
-    label: str  # as its layout writes it
+    label: str  # label in the layout
     centre: FloatArray  # (3,)
     rotation: FloatArray  # (3, 3), box to the points' frame; its axes are length, width, height
     size: FloatArray  # (3,), length, width, height
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Which points (n, 3) lie in the box, its sides included."""
+        """Return which points (n, 3) lie in the box or on its sides, (n,) bool."""
         local = (points - self.centre) @ self.rotation
         return np.asarray((np.abs(local) <= self.size / 2.0).all(axis=1))
 
 
 class Sweep(NamedTuple):
-    """The points of one turn of a LiDAR, (n, 3) float64, metres, z up; and the labelled boxes of the objects in it."""
+    """Points (n, 3) of one revolution of a LiDAR, metres, z up, and the labelled boxes of its objects."""
 
     name: str
     points: FloatArray
@@ -271,21 +272,21 @@ class Sweep(NamedTuple):
 
 
 class SweepLayout(NamedTuple):
-    """How a published dataset lays out its labelled sweeps."""
+    """Layout of the labelled sweeps of a published dataset."""
 
     name: str
-    find: Callable[[Path], list[Path]]  # the files of the sweeps of a folder, none where it is not in this layout
+    find: Callable[[Path], list[Path]]  # files of the sweeps in a folder; none where it has another layout
     read: Callable[[Path], Sweep]  # raises DatasetError where a file is missing or damaged
     cars: Set[str]  # labels of cars
-    left_out: Set[str]  # labels that are neither cars nor surely none; all others are other objects
+    left_out: Set[str]  # ambiguous labels, left out; all other labels are other objects
 
 
 def layout_of(root: Path) -> SweepLayout:
-    """Return the layout of a folder; raises DatasetError where it is in none of them."""
+    """Return the layout of a folder; raises DatasetError where it has none of them."""
     for layout in LAYOUTS:
         if layout.find(root):
             return layout
-    what = "is not there" if not root.is_dir() else "is neither, or has no sweep"
+    what = "does not exist" if not root.is_dir() else "has neither, or no sweep"
     raise DatasetError(
         f"--real must be a folder in KITTI's layout (velodyne/*.bin, label_2, calib) or Argoverse 2's "
         f"(LOG/annotations.feather, LOG/sensors/lidar/*.feather); {root} {what}."
@@ -294,10 +295,10 @@ def layout_of(root: Path) -> SweepLayout:
 
 @lru_cache(2)
 def read_objects(root: Path, n_points: int) -> CloudSet:
-    """Read the objects of real sweeps as clouds of equal size, once a process.
+    """Read the objects of real sweeps as clouds of equal size, centred, longest side 1; cached.
 
-    Labels index ("car", "other"); each crop is an object of its own; centred, longest side 1; elevations unknown. What
-    else lies in a box, such as the ground below a car, is in its cloud. Points repeat only where there are fewer.
+    Labels are indices into ("car", "other"); each crop is an object of its own; elevations are NaN. A cloud has all
+    points in its box, such as the ground below a car. Points repeat only where there are fewer than `n_points`.
 
     Raises DatasetError where a file is missing or damaged, or no car has `LEAST_POINTS` points.
     """
@@ -328,12 +329,12 @@ def _crops(root: Path, layout: SweepLayout) -> Iterator[tuple[str, bool, FloatAr
 # ---- KITTI ------------------------------------------------------------------------------------------------------
 
 KITTI_FOLDERS = ("velodyne", "label_2", "calib")
-"""In a folder or its `training`, a file of each for each sweep.
+"""Folders of KITTI's files, in the root or its folder `training`; each sweep has a file in each.
 
 velodyne   float32 x, y, z, reflectance; x forward, y left, z up
-label_2    type, truncated, occluded, alpha, 4 of the picture, height, width, length, x, y, z, rotation_y: the middle of
+label_2    type, truncated, occluded, alpha, 4 of the picture, height, width, length, x, y, z, rotation_y: the centre of
            the box's lower side in the rectified camera's frame (x right, y down, z forward), turned about its y axis
-calib      NAME: numbers; of them R0_rect (3 x 3) and Tr_velo_to_cam (3 x 4)
+calib      lines NAME: numbers, with R0_rect (3 x 3) and Tr_velo_to_cam (3 x 4)
 
 References: Geiger, Lenz, Urtasun, "Are we ready for autonomous driving? The KITTI vision benchmark suite", CVPR 2012,
 and the readme of its object development kit.
@@ -342,7 +343,7 @@ _N_FIELDS = 15
 
 
 def find_kitti(root: Path) -> list[Path]:
-    """Return the points' files of a folder in this layout, in order; none where it is not."""
+    """Return the files of points of a folder in this layout, in order; none for another layout."""
     for folder in (root, root / "training"):
         if all((folder / name).is_dir() for name in KITTI_FOLDERS):
             return sorted((folder / "velodyne").glob("*.bin"))
@@ -350,7 +351,7 @@ def find_kitti(root: Path) -> list[Path]:
 
 
 def read_kitti(path: Path) -> Sweep:
-    """Read the sweep whose points are in a file."""
+    """Read the sweep of a file of points."""
     folder = path.parents[1]
     label, calibration = (folder / name / f"{path.stem}.txt" for name in KITTI_FOLDERS[1:])
     for file in (label, calibration):
@@ -386,7 +387,7 @@ def _boxes(path: Path, to_points: FloatArray) -> list[LabelledBox]:
 
 
 def _to_camera(path: Path) -> FloatArray:
-    """Points' frame to the rectified camera's, (4, 4)."""
+    """Return the transform (4, 4) from the frame of the points to that of the rectified camera."""
     found: dict[str, FloatArray] = {}
     shapes = {"R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -400,7 +401,7 @@ def _to_camera(path: Path) -> FloatArray:
             found[name][:3, : values.shape[1]] = values
     if missing := [name for name in shapes if name not in found]:
         raise DatasetError(f"{path} must have {' and '.join(missing)}; it has not. Take the object benchmark's calib.")
-    with np.errstate(all="ignore"):  # what comes out is checked
+    with np.errstate(all="ignore"):  # the result is checked below
         matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 0.5:
         raise DatasetError(f"R0_rect and Tr_velo_to_cam in {path} must be rotations; they are not. Unpack it again.")
@@ -410,7 +411,7 @@ def _to_camera(path: Path) -> FloatArray:
 # ---- Argoverse 2 ------------------------------------------------------------------------------------------------
 
 ANNOTATIONS = "annotations.feather"
-"""LOG/sensors/lidar/TIMESTAMP.feather and LOG/annotations.feather; a folder may be a log, hold logs, or splits of logs.
+"""File of a log's boxes; its sweeps are LOG/sensors/lidar/TIMESTAMP.feather. A root is a log, or holds logs or splits.
 
 sweeps        x, y, z (half precision) and more columns; the vehicle's frame, x forward, y left, z up, metres
 annotations   timestamp_ns, category, length_m, width_m, height_m, qw, qx, qy, qz, tx_m, ty_m, tz_m, and more: boxes in
@@ -424,13 +425,13 @@ _BOX = ("length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "tx_m", "ty_m
 
 
 def find_argoverse(root: Path) -> list[Path]:
-    """Return the sweeps' files of a folder in this layout, log by log, in order; none where it is not."""
+    """Return the files of sweeps of a folder in this layout, log by log, in order; none for another layout."""
     logs = sorted(path.parent for depth in ("", "*/", "*/*/") for path in root.glob(depth + ANNOTATIONS))
     return [path for log in logs for path in sorted((log / "sensors" / "lidar").glob("*.feather"))]
 
 
 def read_argoverse(path: Path) -> Sweep:
-    """Read the sweep whose points are in a file named by its time; needs the package pyarrow."""
+    """Read the sweep of a file of points named by its time; needs the package pyarrow."""
     log = path.parents[2]
     annotations = _annotations(log / ANNOTATIONS)
     columns = _table(path, ("x", "y", "z"))
@@ -443,7 +444,7 @@ def read_argoverse(path: Path) -> Sweep:
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
         numbers = np.array([annotations[name][row] for name in _BOX])
         if not np.isfinite(numbers).all():
-            raise DatasetError(f"boxes in {log / ANNOTATIONS} must be numbers; that of row {row} has others.")
+            raise DatasetError(f"boxes in {log / ANNOTATIONS} must be finite numbers; that of row {row} is not.")
         w, x, y, z = numbers[3:7]
         length = float(np.linalg.norm(numbers[3:7]))
         if not 0.5 < length < 2.0:

@@ -1,4 +1,4 @@
-"""Trials, and their results as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
+"""Trials and their stored results (JSON, read without PyTorch), and the selection of results."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ from zbuf_occlude.paper.design import (
 )
 
 FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
-"""In a study's folder: a JSON file for each trial; what the study is; projected areas that are seen; real scans."""
+"""Parts of a study's folder: results (a JSON file per trial), description, visible areas, picture of real scans."""
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},
@@ -39,47 +39,47 @@ _REPORTED: dict[str, type | tuple[type, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A classifier to be trained, and what it is tested on; clouds are read when they are needed."""
+    """A classifier to be trained, and its tests; clouds are read when they are needed."""
 
     experiment: str
-    facts: Mapping[str, str | int]  # what tells it apart from the others: model, what it is trained on, points, seed
+    facts: Mapping[str, str | int]  # facts that identify the trial: model, training clouds, points, seed
     training: Callable[[], CloudSet]
     validation: Callable[[], CloudSet]
     tests: Mapping[str, Callable[[], CloudSet]]
-    epochs: Callable[[int], int]  # from the number of its clouds to how often each is shown, at most
+    epochs: Callable[[int], int]  # maximum number of epochs for a number of training clouds
 
     @property
     def key(self) -> str:
-        """Name of its files."""
+        """Name of the trial's files."""
         parts = (f"{name}{value}" if isinstance(value, int) else value for name, value in self.facts.items())
         return "-".join((self.experiment, *parts))
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a trial came to."""
+    """Stored result of a trial."""
 
     experiment: str
-    facts: Mapping[str, Any]  # of the `Trial`
+    facts: Mapping[str, Any]  # facts of the `Trial`
     tests: Mapping[str, Confusion]
-    document: Mapping[str, Any]  # all that is stored
+    document: Mapping[str, Any]  # the whole stored document
 
-    def is_of(self, **facts: Any) -> bool:
-        """Whether the trial's facts are these."""
+    def matches(self, **facts: Any) -> bool:
+        """Return whether the trial has these facts."""
         return all(self.facts.get(name) == value for name, value in facts.items())
 
     def accuracy(self, test: str | int) -> float | None:
-        """Accuracy in a test; None where it was not tested."""
+        """Return the accuracy in a test; None where the test is missing."""
         return self.tests[str(test)].accuracy if str(test) in self.tests else None
 
 
 def path_of(folder: Path, key: str) -> Path:
-    """Return where the result of a trial is."""
+    """Return the path of a trial's result."""
     return folder / FOLDER / f"{key}.json"
 
 
 def read_result(path: Path) -> Result | None:
-    """Read a trial's result; None when there is none yet. Raises DatasetError where the file is damaged."""
+    """Read a trial's result; None where it is missing. Raises DatasetError where the file is damaged."""
     if not path.exists():
         return None
     try:
@@ -101,7 +101,7 @@ def read_result(path: Path) -> Result | None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Read what a folder's study is: size, objects, date, missing_methods, failed_meshes.
+    """Read the description of a study: size, objects, date, missing_methods, failed_meshes.
 
     Raises DatasetError where there is none, or its file is damaged.
     """
@@ -111,9 +111,9 @@ def read_study(folder: Path) -> dict[str, Any]:
         study["size"]["name"], study["objects"], study["date"], study["missing_methods"]
         study.setdefault("failed_meshes", {})
     except FileNotFoundError:
-        raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See: zbuf-occlude paper -h") from None
+        raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See zbuf-occlude paper -h.") from None
     except (ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{path} must be a study's; it is damaged ({error!r}). Choose another folder.") from None
+        raise DatasetError(f"{path} is damaged ({error!r}). Choose another folder.") from None
     return study
 
 
@@ -123,14 +123,14 @@ def read_results(folder: Path) -> list[Result]:
     return [result for result in read if result is not None]
 
 
-def of(results: Iterable[Result], experiment: str, **facts: Any) -> list[Result]:
+def select_results(results: Iterable[Result], experiment: str, **facts: Any) -> list[Result]:
     """Return the results of an experiment with these facts, in the order of their seeds."""
-    chosen = (result for result in results if result.experiment == experiment and result.is_of(**facts))
+    chosen = (result for result in results if result.experiment == experiment and result.matches(**facts))
     return sorted(chosen, key=lambda result: int(result.facts["seed"]))
 
 
 def values(results: Iterable[Result], fact: str) -> list[Any]:
-    """Return the values of a fact in the order in which they first come."""
+    """Return the different values of a fact in the order of the results."""
     return list(dict.fromkeys(result.facts[fact] for result in results))
 
 

@@ -1,7 +1,7 @@
-"""A study: the clouds of its experiments, the classifiers trained and tested on them, and their results, in a folder.
+"""Run a study: make the clouds of its experiments, train and test the classifiers, and store the results in a folder.
 
-A trial is one classifier; its result is one JSON file, written last and never made twice. Killed at any moment, the
-same call resumes: datasets, trainings from their last checkpoint, and results.
+A trial is one classifier; its result is one JSON file, written last. After an interruption the same call resumes:
+datasets, trainings from their last checkpoints, and results.
 """
 
 from collections.abc import Collection, Sequence
@@ -35,9 +35,9 @@ from zbuf_occlude.paper.results import PICTURE, STUDY, Trial, path_of, read_resu
 from zbuf_occlude.provenance import n_cores, versions
 
 CLASSIFIERS = "classifiers"
-"""Folder of a study: the trained model of each trial."""
+"""Folder of the trained models in a study's folder."""
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
-"""The paper's; `REALISM` is ours."""
+"""Experiments of the paper."""
 
 
 def run_study(
@@ -56,21 +56,43 @@ def run_study(
 ) -> int:
     """Make the clouds, train and test the classifiers of a study; return how many were trained or tested now.
 
-    `modelnet` is ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes are taken.
-    `scans` is the Sydney Urban Objects dataset, for Test 3, `scans_up` which direction is up in it, by default found
-    from the scans. `real` are labelled sweeps of real drives, for one more test of `REALISM`. `budgets` are as in
-    `Augmentation`; one that is asked for later is added to what is there. `voxels` are those of `as_voxels`.
+    Parameters
+    ----------
+    folder : Path
+    size : Size
+    experiments : collection of str
+    modelnet : Path, optional
+        ModelNet40's folder, or ModelNet10's for `ELEVATION` alone. Default: the built-in shapes.
+    scans : Path, optional
+        The Sydney Urban Objects dataset, for Test 3.
+    scans_up : str, optional
+        Up direction of the scans, one of `UPS`. Default: found from the scans.
+    real : Path, optional
+        Labelled sweeps of real drives, for one more test of `REALISM`.
+    budgets : sequence of str
+        As in `Augmentation`; a budget given later is added to the results.
+    voxels : int, optional
+        As in `as_voxels`.
+    progress : Progress, optional
+    workers : int, optional
+        As in `run_trials`.
 
-    Raises DatasetError where the folder holds another study, or `scans` or `real` is not such a dataset; OptionError
-    for `voxels` out of range; MeshError where `modelnet` is neither, or no mesh of a class can be used.
+    Raises
+    ------
+    DatasetError
+        The folder holds another study, or `scans` or `real` is not such a dataset.
+    OptionError
+        `voxels` is out of range.
+    MeshError
+        `modelnet` is neither dataset, or no mesh of a class can be used.
     """
     progress, turned = progress or Progress(), None
     if scans is not None:
-        check_scans(scans)  # before hours of work, not after
-        said = f"{scans_up} of the files is up, as --sydney-up says."
+        check_scans(scans)  # raises before hours of work
+        said = f"{scans_up} of the files is up, by --sydney-up."
         turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(scans)
     if real is not None:
-        read_objects(real, 1)  # likewise
+        read_objects(real, 1)  # raises before hours of work
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
     objects = "built-in shapes"
     if modelnet is not None:
@@ -87,19 +109,21 @@ def run_study(
     study = _open_study(folder, size, objects)
     if turned:
         _note_scans(folder, study, *turned)
-    progress.plan(sum(one.n_clouds for one in chosen), sum(len(one.trials()) for one in chosen))
-    for one in chosen:
-        study["failed_meshes"] |= one.make(progress.clouds)
-        study |= one.notes()
+    n_trials = sum(len(experiment.trials()) for experiment in chosen)
+    progress.set_totals(sum(experiment.max_clouds for experiment in chosen), n_trials)
+    for experiment in chosen:
+        study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds)
+        study |= experiment.notes()
         atomic.write_json(folder / STUDY, study)
-    return run_trials([trial for one in chosen for trial in one.trials()], size, folder, progress, workers)
+    trials = [trial for experiment in chosen for trial in experiment.trials()]
+    return run_trials(trials, size, folder, progress, workers)
 
 
 def _note_scans(folder: Path, study: dict[str, Any], root: Path, frame: UpAxis) -> None:
-    """Note how scans are turned, and draw some; raises DatasetError where Test 3 was made with another direction up."""
+    """Store the up axis of the scans and a picture; raises DatasetError where Test 3 was made with another up axis."""
     if study.get("scans", frame._asdict())["up"] != frame.up:
         raise DatasetError(
-            f"the scans of {folder} must be turned as before ({study['scans']['said']}); now {frame.up} would be up. "
+            f"The up axis of the scans in {folder} has changed ({study['scans']['said']}); now it is {frame.up}. "
             "Choose another folder, or the same --sydney-up."
         )
     study["scans"] = frame._asdict()
@@ -109,7 +133,7 @@ def _note_scans(folder: Path, study: dict[str, Any], root: Path, frame: UpAxis) 
 
 
 def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
-    """Return study.json of the folder, which is made when missing; raises DatasetError where it is another study's."""
+    """Return study.json of a folder, written where it is missing; raises DatasetError where it is another study's."""
     path = folder / STUDY
     if path.exists():
         study = read_study(folder)
@@ -133,21 +157,21 @@ def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
 def run_trials(
     trials: Sequence[Trial], size: Size, folder: Path, progress: Progress, workers: int | None = None
 ) -> int:
-    """Train and test what has not been yet; return the number of trials for which anything was done.
+    """Train and test the trials without complete results; return their number.
 
-    `workers` are processes, each at a trial of its own: small networks gain little from several cores. By default one
-    for each core, and where there is CUDA none but this one. A trial that was tested before on all but a new test,
-    such as scans that were not there, is only tested on that. Raises UnavailableError where a worker was killed.
+    `workers` is the number of processes, each with a trial of its own (small networks gain little from several cores).
+    Default: one per core, or only this process where CUDA is available. A trained classifier is tested only on tests
+    that it lacks. Raises UnavailableError where a worker was killed.
     """
     missing = [trial for trial in trials if _missing_tests(trial, folder)]
     for trial in set(trials) - set(missing):
-        progress.trial(trial.key, 1.0)
+        progress.update_trial(trial.key, 1.0)
     if workers is None:
         workers = 1 if torch.cuda.is_available() else n_cores()
     workers = min(workers, len(missing))
     if workers < 2:
         for trial in missing:
-            _run_trial(trial, size, folder, progress.trial)
+            _run_trial(trial, size, folder, progress.update_trial)
         return len(missing)
     begin = partial(_begin_worker, max(1, n_cores() // workers))
     children = [Child(begin) for _ in range(workers)]
@@ -159,11 +183,11 @@ def run_trials(
                 busy[child.pipe] = child
             if not busy:
                 return len(missing)
-            idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.trial)]
+            idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.update_trial)]
     except ChildFailed as failure:
         raise UnavailableError(
-            f"the processes that train must live; one was killed ({failure}), perhaps for want of memory. "
-            "What is done is kept; run the same command again."
+            f"A worker of the training failed: {failure}. Memory may be exhausted. Results so far are kept; run the "
+            "same command again."
         ) from None
     finally:
         for child in children:
@@ -171,18 +195,18 @@ def run_trials(
 
 
 def _begin_worker(threads: int) -> None:
-    """Begin as a process does that trains."""
+    """Set the number of threads of a training process."""
     torch.set_num_threads(threads)
 
 
 def _missing_tests(trial: Trial, folder: Path) -> list[str]:
-    """Return the tests of a trial whose results are not there."""
+    """Return the tests of a trial that have no result."""
     result = read_result(path_of(folder, trial.key))
     return [name for name in trial.tests if result is None or name not in result.tests]
 
 
 def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_progress) -> None:
-    """Train a classifier, or read it back, test it on what is missing, and write its result."""
+    """Train or load a classifier, run its missing tests, and write its result."""
     report(trial.key, 0.0)
     path, names = path_of(folder, trial.key), _missing_tests(trial, folder)
     result = read_result(path)
@@ -198,7 +222,7 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
     )
 
     def after(epoch: Epoch) -> None:
-        report(trial.key, 0.95 * epoch.number / epochs)  # the rest is testing
+        report(trial.key, 0.95 * epoch.number / epochs)  # the rest is for testing
 
     trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
     tests: dict[str, Any] = dict(result.document["tests"]) if result else {}

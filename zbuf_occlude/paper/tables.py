@@ -1,4 +1,4 @@
-"""The paper's Tables 1 and 2: its numbers, the cases that repeat Table 1, and what was measured beside them."""
+"""The paper's Tables 1 and 2 with measurements beside them, and the cases that repeat Table 1."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -6,8 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zbuf_occlude import shapes
-from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
-from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, wrong_outside
+from zbuf_occlude.compare.cases import (
+    GRIDS,
+    IMAGE_SPACE,
+    PRESET_VIEWS,
+    Case,
+    Question,
+    question_of_vertices,
+    sample_question,
+    subjects_of,
+)
+from zbuf_occlude.compare.metrics import Row, format_error, format_milliseconds, seconds_for_all_points
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, partition_files, read_finished
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
@@ -15,17 +24,17 @@ from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.views import paper100
 
 TABLE_SECONDS = 30.0
-"""Budget of a row: enough for the paper's methods to be asked from all of the 5 views, every 20th of its 100."""
+"""Seconds of timed calls per row: enough for the paper's methods from all 5 views, every 20th of its 100."""
 MODIFIED = "vertex_hsr_culled:suggestion=2"
 
 
 class PaperObject(NamedTuple):
-    """An object of Table 1 and where ModelNet40 has it."""
+    """An object of Table 1 and its file in ModelNet40."""
 
-    label: str  # as the paper calls it
-    file: str  # name of the OFF file without its ending
+    label: str  # name in the paper
+    file: str  # name of the OFF file without suffix
     kind: str
-    faces: int  # as the paper counts them
+    faces: int  # number in the paper
     vertices: int
 
 
@@ -40,7 +49,7 @@ TABLE_1A: dict[PaperObject, tuple[float, float, float]] = {
     CHAIR_3: (12.5, 5.6, 55.2),
     LAMP_3: (29.9, 12.4, 58.5),
 }
-"""Seconds of the original and of the modified HSR, and the reduction in percent."""
+"""Seconds of original and modified HSR, and the reduction in percent, by object."""
 
 TABLE_1B: dict[tuple[PaperObject, int], tuple[float, float, float, float, float]] = {
     (CAR_5, 1_000): (18.5, 0.3, 0.3, 98.4, 98.4),
@@ -50,7 +59,7 @@ TABLE_1B: dict[tuple[PaperObject, int], tuple[float, float, float, float, float]
     (CAR_6, 20_000): (96.5, 1.3, 3.7, 98.7, 96.2),
     (CAR_6, 100_000): (493.0, 1.6, 4.8, 99.7, 99.0),
 }
-"""By object and number of points: seconds of exact HSR, grid 32, grid 64; reductions of the two grids in percent."""
+"""Seconds of exact HSR, grid 32 and grid 64, and reductions of the grids in percent, by object and points."""
 
 
 # ---- cases -------------------------------------------------------------------------------------------------------
@@ -59,10 +68,10 @@ TABLE_1B: dict[tuple[PaperObject, int], tuple[float, float, float, float, float]
 def cases_1a(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
     """Return the cases of Table 1A, vertices against faces.
 
-    The paper's methods keep or drop faces; methods in image space are asked about the vertices. Objects are taken from
-    `root`, ModelNet40's folder, as far as it has them; built-in shapes of as many faces and vertices stand in for the
-    others. `budget` are seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods,
-    and the comparison's for all else.
+    The paper's methods keep or drop faces; methods in image space test the vertices. Objects come from `root`,
+    ModelNet40's folder; missing ones are replaced by built-in shapes with the same numbers of faces and vertices.
+    `budget` is the seconds of timed calls per row. Default: `TABLE_SECONDS` for the paper's own methods, and that of
+    the comparison for others.
     """
     cases = []
     for paper in TABLE_1A:
@@ -77,7 +86,7 @@ def cases_1a(root: Path | None, seed: int, budget: float | None = None) -> list[
 
 
 def cases_1b(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
-    """Return the cases of Table 1B, sampled points by exact HSR, grids and image space; arguments as of `cases_1a`."""
+    """Return the cases of Table 1B: sampled points by exact HSR, grids and image space; arguments as for `cases_1a`."""
     cases, subjects = [], subjects_of(["exact_hsr", *GRIDS, *IMAGE_SPACE])
     for paper, n_points in TABLE_1B:
         find, what = mesh_of(paper, root)
@@ -88,15 +97,17 @@ def cases_1b(root: Path | None, seed: int, budget: float | None = None) -> list[
 
 
 def _sampled(find: Callable[[], Mesh], paper: PaperObject, n_points: int, seed: int) -> Callable[[], Question]:
-    return lambda: ask(paper.file, find(), paper100(), n_points=n_points, seed=seed, most_views=PRESET_VIEWS)
+    return lambda: sample_question(
+        paper.file, find(), paper100(), n_points=n_points, seed=seed, most_views=PRESET_VIEWS
+    )
 
 
 def _ask_vertices(find: Callable[[], Mesh], paper: PaperObject) -> Question:
-    return ask_vertices(paper.file, find(), paper100(), most_views=PRESET_VIEWS)
+    return question_of_vertices(paper.file, find(), paper100(), most_views=PRESET_VIEWS)
 
 
 def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], str]:
-    """Return how to load an object of the paper, and what it is: the file, or what stands in for it."""
+    """Return a function that loads an object of the paper, and the name of its file or of its replacement."""
     found = [] if root is None else sorted(root.rglob(f"{paper.file}.off"))
     if found:
         return partial(load_mesh, found[0]), f"{paper.file}.off"
@@ -111,14 +122,14 @@ CASES = {"table1a": cases_1a, "table1b": cases_1b}
 
 
 def paper_tables(rows: Sequence[Row]) -> list[Table]:
-    """Return Table 1A and 1B with what was measured, as far as there are rows."""
+    """Return Tables 1A and 1B with measurements, where there are rows."""
     measured = [row for row in rows if row["status"] == "ok"]
     chosen = {make: [row for row in measured if row["suite"] == suite] for suite, make in TABLES.items()}
     return [make(some) for make, some in chosen.items() if some]
 
 
 def table_1a(rows: Sequence[Row]) -> Table:
-    """Return Table 1A: HSR by vertices against the second suggestion, and image space on the same vertices."""
+    """Return Table 1A: HSR by vertices, the second suggestion, and image space on the same vertices."""
     body = []
     for paper, (original, modified, reduction) in TABLE_1A.items():
         here = _of_object(rows, paper.label)
@@ -134,29 +145,28 @@ def table_1a(rows: Sequence[Row]) -> Table:
                     "",
                     f"here: {slow['facts']['stand_in']}",
                     _size(slow),
-                    *(f"{milliseconds(row['timed']['seconds_per_view'])} ms" for row in (slow, fast)),
+                    *(f"{format_milliseconds(row['timed']['seconds_per_view'])} ms" for row in (slow, fast)),
                     *(_reduction(slow["timed"][column], fast["timed"][column]) for column in columns),
-                    f"{wrong_outside(slow)} · {wrong_outside(fast)}",
+                    f"{format_error(slow)} · {format_error(fast)}",
                 ]
             )
         for subject, row in here.items():
             time, less = _time_and_reduction(row, slow)
-            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", wrong_outside(row)])
+            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", format_error(row)])
     return Table(
         "Table 1A of the paper: HSR by vertices, and with far faces excluded (second suggestion)",
         ["object", "", "faces · points", "original", "modified", "reduction", "of CPU time", "of tests", "wrong"],
         body,
-        "Seconds of the paper are MATLAB's, for one view; what compares are the reductions. Here: time of one view, "
-        "preparing not counted, all cores; CPU time is theirs together. Of tests: how many fewer pairs of vertex and "
-        "face were tested; making and comparing the distances costs the rest. Wrong: outside the boundary band, of "
-        "points sampled on the faces that are kept or dropped; of the vertices themselves in the rows of other "
-        "methods, which were asked about exactly the vertices.",
+        "Seconds of the paper are MATLAB's for one view; compare the reductions. Here: time of one view on all cores, "
+        "preparing not counted; CPU time is the sum over the cores. Of tests: reduction of the pairs of vertex and "
+        "face that are tested; computing distances costs the rest. Wrong: errors outside the boundary band, of points "
+        "sampled on the kept or dropped faces; in the rows of other methods, of the vertices.",
         texts=range(2),
     )
 
 
 def table_1b(rows: Sequence[Row]) -> Table:
-    """Return Table 1B: exact HSR against occupancy grids, their error beside, and image space on the same points."""
+    """Return Table 1B: exact HSR, occupancy grids with their errors, and image space on the same points."""
     body = []
     for (paper, n_points), (exact, g32, g64, r32, r64) in TABLE_1B.items():
         here = _of_object([row for row in rows if row["n_points"] == n_points], paper.label)
@@ -173,21 +183,21 @@ def table_1b(rows: Sequence[Row]) -> Table:
                 [
                     "",
                     f"here: {slow['facts']['stand_in']}",
-                    *(f"{milliseconds(time)} ms" for time in times),
+                    *(f"{format_milliseconds(time)} ms" for time in times),
                     *(_reduction(times[0], time) for time in times[1:]),
-                    " · ".join(map(wrong_outside, grids)),
+                    " · ".join(map(format_error, grids)),
                 ]
             )
         for subject, row in here.items():
             time, less = _time_and_reduction(row, slow)
-            body.append(["", f"`{subject}`", time, "", "", less, "", wrong_outside(row)])
+            body.append(["", f"`{subject}`", time, "", "", less, "", format_error(row)])
     return Table(
         "Table 1B of the paper: exact HSR, and occupancy grids",
         ["object, points", "", "exact HSR", "32³", "64³", "reduction 32³", "64³", "wrong (grids: 32³ · 64³)"],
         body,
-        "Seconds of the paper are MATLAB's, for one view; what compares are the reductions. Here: time of one view, "
-        "preparing (for grids: filling them, once a mesh) not counted, all cores. Wrong: outside the boundary band, "
-        "against `oracle`; the paper gives no error.",
+        "Seconds of the paper are MATLAB's for one view; compare the reductions. Here: time of one view on all cores, "
+        "preparing not counted (for grids: filling them, once per mesh). Wrong: errors outside the boundary band "
+        "against `oracle`; the paper gives none.",
         texts=range(2),
     )
 
@@ -201,7 +211,7 @@ def _of_object(rows: Sequence[Row], label: str) -> dict[str, Row]:
 
 def _time_and_reduction(row: Row, slow: Row | None) -> tuple[str, str]:
     seconds = seconds_for_all_points(row)
-    return f"{milliseconds(seconds)} ms", _reduction(seconds_for_all_points(slow), seconds) if slow else "–"
+    return f"{format_milliseconds(seconds)} ms", _reduction(seconds_for_all_points(slow), seconds) if slow else "–"
 
 
 def _size(row: Row) -> str:
@@ -216,7 +226,7 @@ def _reduction(slow: float, fast: float) -> str:
 
 
 class DatasetRow(NamedTuple):
-    """One dataset; `megabytes` of 10^6 bytes."""
+    """A row of Table 2; a megabyte is 10^6 bytes."""
 
     name: str
     n_samples: int
@@ -227,7 +237,7 @@ class DatasetRow(NamedTuple):
 
     @property
     def samples_per_megabyte(self) -> float:
-        """The paper's last column."""
+        """Last column of the table."""
         return self.n_samples / self.megabytes
 
 
@@ -239,13 +249,13 @@ TABLE_2 = (
     DatasetRow("ShapeNet", 57_454, 55, "Synthesized", "Mesh", 92_900),
     DatasetRow("The paper's dataset", 200_000, 40, "Synthesized", "Point Cloud", 6_940),
 )
-"""The rows of the paper, as printed there; its last column is the quotient of two others."""
+"""Rows of the paper's Table 2; its last column follows from two others."""
 
 
 def row_of(folder: Path) -> DatasetRow:
-    """Return the row of a complete dataset: its clouds, and the size of all files that are needed to read them.
+    """Return the row of a complete dataset, with the size of all files needed to read it.
 
-    Raises DatasetError where there is no complete dataset in the folder.
+    Raises DatasetError where the folder holds no complete dataset.
     """
     plan, manifest = read_finished(folder)
     own, _ = partition_files(folder, plan)
@@ -257,7 +267,7 @@ def row_of(folder: Path) -> DatasetRow:
 
 
 def table_2(folder: Path) -> Table:
-    """Return the table with the row of a dataset; raises as `row_of`."""
+    """Return Table 2 with the row of a dataset; raises as `row_of` does."""
     body = []
     for row in (*TABLE_2, row_of(folder)):
         megabytes = f"{row.megabytes:,.2f}" if row.megabytes < 100 else f"{row.megabytes:,.0f}"

@@ -1,10 +1,10 @@
-"""Is the judge right? oracle against exact_hsr and Embree on every point, what is left decided in rational arithmetic.
+"""Check of the reference: oracle against exact_hsr and Embree on every point; rational arithmetic decides the rest.
 
-    python benchmarks/judge_check.py MESH [MESH ...] [--points 5000] [--views paper100] [--seed 0]
+    python benchmarks/reference_check.py MESH [MESH ...] [--points 5000] [--views paper100] [--seed 0]
 
 For each mesh: the boundary band's share; how often `exact_hsr` (perpendicular planes, float64) and `embree` (own face
 excluded, float32) differ from `oracle` (signed volumes, float64), in all and outside the band; and of each pair on
-which two of them differ, whom rational arithmetic proves right. Exits with 1 when the judge is proved wrong outside
+which two of them differ, whom rational arithmetic proves right. Exits with 1 when the oracle is proved wrong outside
 the band, when exact_hsr differs from it there, or when Embree agrees on less than 99.99 %.
 """
 
@@ -36,8 +36,8 @@ def main(meshes: Sequence[Path], *, points: int = 5000, views: str = "paper100",
 def check(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> bool:
     """Print the figures of one mesh; True when something is wrong."""
     start = time.perf_counter()
-    judge = oracle.prepare(mesh)
-    truth, decided = judge.visible(points, eyes), judge.decided(points, eyes)
+    reference = oracle.prepare(mesh)
+    truth, decided = reference.visible(points, eyes), reference.decided(points, eyes)
     print(f"{mesh.name}: {len(mesh.faces):,} faces, {len(points):,} points, {len(eyes)} views = {truth.size:,} pairs")
     print(f"  visible {truth.mean():.4f}; in the boundary band {(~decided).sum():,} pairs, {(~decided).mean():.2e}")
     failed = False
@@ -48,9 +48,11 @@ def check(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> bool:
         agreement = 1.0 - differs.mean()
         differing = f"{differs.sum()} pairs, {outside} of them outside the band"
         print(f"  {rival}: agrees on {100 * agreement:.5f} %; differs on {differing}")
-        judge_right, judge_wrong, wrong_outside = decide(mesh, points, eyes, truth, differs, decided, judge.contact)
-        lost = f"{rival} right {judge_wrong} ({wrong_outside} of these outside the band)"
-        print(f"    rational arithmetic: oracle right {judge_right}, {lost}")
+        oracle_right, oracle_wrong, wrong_outside = decide(
+            mesh, points, eyes, truth, differs, decided, reference.contact
+        )
+        lost = f"{rival} right {oracle_wrong} ({wrong_outside} of these outside the band)"
+        print(f"    rational arithmetic: oracle right {oracle_right}, {lost}")
         failed |= wrong_outside > 0 or (outside > 0 if rival == "exact_hsr" else agreement < 0.9999)
     print(f"  {time.perf_counter() - start:.0f} s{'; FAILED' if failed else ''}")
     return failed
@@ -65,7 +67,7 @@ def decide(
     decided: np.ndarray,
     contact: float,
 ) -> tuple[int, int, int]:
-    """Count the disputes that the judge wins, that its rival wins, and those of the latter outside the band."""
+    """Count the disputes that the oracle wins, that its rival wins, and those of the latter outside the band."""
     disputes = np.argwhere(differs)
     if len(disputes) > MOST_DISPUTES:
         print(f"    (deciding {MOST_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
