@@ -57,7 +57,7 @@ def _bounds_of(positions):
 
 
 def new_cells() -> IntArray:
-    """Return what a thread puts the cells of a block in, (3, `BLOCK`), for `place_along_curve`."""
+    """Return what a thread puts the cells of a block in, (3, `BLOCK`), for `hilbert_codes`."""
     return np.empty((3, BLOCK), dtype=np.int32)
 
 
@@ -69,14 +69,14 @@ def _keys(tasks, positions, low, scale, index_bits, keys, cells):
         for axis in range(3):
             for i in range(last - first):
                 cells[axis, i] = np.int64((positions[first + i, axis] - low[axis]) * scale)
-        place_along_curve(cells, last - first, POSITION_BITS)
+        hilbert_codes(cells, last - first, POSITION_BITS)
         for i in range(last - first):
             keys[first + i] = (np.uint64(cells[0, i]) << np.uint64(index_bits)) | np.uint64(first + i)
         first, last = take_block(tasks, len(positions), BLOCK)
 
 
 @njit()
-def place_along_curve(cells, n, n_bits):
+def hilbert_codes(cells, n, n_bits):
     """Put into row 0 the places along the curve, 3 x `n_bits` bits, of the first n cells, (3, >= n) int32.
 
     Cells count from 0 to 2^`n_bits` - 1 along each axis; `n_bits` is at most `CODE_BITS`. Level by level, each for all

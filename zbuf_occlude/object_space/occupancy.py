@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.threads import n_blocks, parallel_for, shared_with_memory, take_block
+from zbuf_occlude.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block
 
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
@@ -114,7 +114,7 @@ def _walk_all(
     return blocked
 
 
-@shared_with_memory
+@allocating_kernel
 def _walk_blocks(tasks, occupied, starts, eye, touching, run, blocked):
     """Take some walks after others."""
     first, last = take_block(tasks, len(starts), BLOCK)
