@@ -39,7 +39,7 @@ Rays = tuple[np.ndarray, np.ndarray]
 
 
 def casting() -> list[Method]:
-    return [method for method in METHODS if not method.no_first_hits]
+    return [method for method in METHODS if not method.ray_casting_unsupported_reason]
 
 
 @pytest.fixture(scope="module", params=casting(), ids=lambda method: method.name)
@@ -74,8 +74,8 @@ def allowed(method: Method) -> float:
 
 def test_a_method_without_first_hits_says_why() -> None:
     for row in METHODS:
-        if row.no_first_hits and not row.missing() and not row.needs_gl:
-            with zo.prepare(box(), row.name) as occluder, pytest.raises(UnavailableError, match="must be asked of a"):
+        if row.ray_casting_unsupported_reason and not row.missing() and not row.needs_gl:
+            with zo.prepare(box(), row.name) as occluder, pytest.raises(UnavailableError, match="cannot cast rays"):
                 occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
 
 
@@ -231,7 +231,7 @@ def test_bad_arguments(prepare: Prepare, origins: list[float], directions: list[
 def test_closing(prepare: Prepare) -> None:
     with prepare(SCENE) as occluder:
         pass
-    with pytest.raises(zo.ArgumentError, match="it was closed"):
+    with pytest.raises(zo.ArgumentError, match="query is closed"):
         occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
 
 

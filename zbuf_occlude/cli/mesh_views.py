@@ -38,7 +38,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.visibility.interface import cure_of
+from zbuf_occlude.visibility.interface import contact_advice
 from zbuf_occlude.visible_surface import Coverage
 from zbuf_occlude.visible_surface import coverage as measure_coverage
 
@@ -123,8 +123,7 @@ def visible_command(
     warn_inside(box, eyes)
     if positions is None and "contact" not in options:
         warn_of_far_faces(box)
-    with prepare(asked, method, **options) as occluder:
-        occluder.warns = False
+    with prepare(asked, method, warn=False, **options) as occluder:
         seen = occluder.visible(samples, eyes) & view.in_frustum(samples.positions)
         renderer = occluder.renderer
     cloud, by = samples.select(seen.any(axis=0)), eyes[seen.argmax(axis=0)[seen.any(axis=0)]]
@@ -185,7 +184,7 @@ def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
 def warn_of_far_faces(mesh: Mesh) -> None:
     """Warn of faces so far away that the contact tolerance is large for all others."""
     if far := far_faces(mesh):
-        echo(f"warning: {far.said(mesh)}. {cure_of(far, mesh)}", err=True)
+        echo(f"warning: {far.summary(mesh)}. {contact_advice(far, mesh)}", err=True)
 
 
 def _write_cloud(

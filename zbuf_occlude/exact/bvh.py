@@ -138,7 +138,7 @@ def _corner(vertices, faces, i):
 
 
 def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
-    """Return face ids along the curve: short faces, long ones, others; and the numbers of short, and blocking, faces."""
+    """Return face ids along the curve (short, long, non-blocking), and the numbers of short and blocking faces."""
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)

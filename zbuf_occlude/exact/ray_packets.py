@@ -32,7 +32,7 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.exact.project import ImageRect
 from zbuf_occlude.exact.search import overlapping
 from zbuf_occlude.exact.triangle_setup import CERTAIN, DEPTH, faces_before, set_up_for_rays, slot_of
-from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered
+from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered_determinant
 from zbuf_occlude.geometry.predicates import is_nearer, ray_plane_t, ray_triangle_t
 from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.simd import (
@@ -216,24 +216,24 @@ def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
     store(state.scratch, LEAF, high)
     changed = False
     while maybe:
-        place = first_lane(maybe)
+        face_lane = first_lane(maybe)
         maybe &= maybe - 1
-        face = bvh.face_ids[leaf, place]
-        if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
-            state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
+        face = bvh.face_ids[leaf, face_lane]
+        if (sure >> face_lane) & 1 and state.scratch[1, face_lane] < state.lows[lane]:
+            state.lows[lane], state.highs[lane] = state.scratch[0, face_lane], state.scratch[1, face_lane]
             state.face_ids[lane] = face
             changed = True
-        elif state.scratch[0, place] <= state.highs[lane]:
+        elif state.scratch[0, face_lane] <= state.highs[lane]:
             changed |= _decide(bvh, frame, rays, face, lane, state)
     return changed
 
 
 @always_inline
-def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
+def _test_face(bvh, frame, rays, within, leaf, slot, face_lane, space, state):
     """Test the rays `within` against a face of a leaf; return whether any ray's nearest hit has changed."""
-    base = slot * SETUP_ROWS * LEAF + place
+    base = slot * SETUP_ROWS * LEAF + face_lane
     row = base + DEPTH * LEAF
-    face, known = bvh.face_ids[leaf, place], ((space.doubtful[slot] >> place) & 1) - 1
+    face, known = bvh.face_ids[leaf, face_lane], ((space.doubtful[slot] >> face_lane) & 1) - 1
     changed = False
     for at in range(0, PACKET, N_LANES):
         x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET + at), splat(F32_MAX)
@@ -327,7 +327,7 @@ def _plane(origin, a, b, c):
     """
     ab, ac = minus(b, a), minus(c, a)
     to_a, n = minus(a, origin), cross(ab, ac)
-    height, error = filtered(to_a, ab, ac)
+    height, error = filtered_determinant(to_a, ab, ac)
     size = max(abs(ab[0]), abs(ab[1]), abs(ab[2])) * max(abs(ac[0]), abs(ac[1]), abs(ac[2]))
     least = CLEAR * (2.0 * FILTER * size + TINY) if abs(height) > CLEAR * error else math.inf
     return height, n, least

@@ -301,9 +301,9 @@ def _push_child(children, first, enter, lanes, state, top, rest):
     """Push the first child of a mask below all nearer ones; return the others. No entry goes past the count."""
     lane = first_lane(rest | (1 << LEAF))
     nearest = load_scalar(lanes, lane)
-    place = top + count_lanes(greater(enter, splat(nearest)))
-    store_unchecked(state[4], place, load_unchecked(children, first + (lane & (LEAF - 1))))
-    store_unchecked(state[5], place, nearest)
+    slot = top + count_lanes(greater(enter, splat(nearest)))
+    store_unchecked(state[4], slot, load_unchecked(children, first + (lane & (LEAF - 1))))
+    store_unchecked(state[5], slot, nearest)
     return rest & (rest - 1)
 
 

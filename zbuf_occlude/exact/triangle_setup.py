@@ -6,8 +6,8 @@ Error analysis, continued from `project`: u is float32's unit roundoff, *magnitu
 * An edge function is the determinant of P = (x / w, y / w, 1) and the edge's projected ends A and B, computed as
   P . (A x (B - A)). Let S be the largest norm of the face's projected corners, L that of their differences, |P| < 1.8
   magnitude. Arithmetic errs by less than 8 u |P| S L. The point's error moves the value by less than
-  (23 magnitude / w + 2) u S L. The ends' errors move it by 14 u (|B x P| + |A x P|). A P inside the projected face is a
-  combination of its corners with weights up to 1 / nearest, `nearest` being the smallest w at which the face is seen;
+  (23 magnitude / w + 2) u S L. The ends' errors move it by 14 u (|B x P| + |A x P|). Let `nearest` be the smallest w at
+  which the face is seen. A P inside the projected face is a combination of its corners with weights up to 1 / nearest,
   so the ends' errors move it by 28 u S L / nearest. ``EDGE_ERROR`` = 80 u times S L max(1, 1 / nearest) times
   magnitude / w covers the sum; 80 u S (1 + L) covers it without knowing `nearest`. A P outside the face needs no bound:
   the computed functions are those of a slightly moved triangle, and a point inside that by more than the error is
@@ -19,16 +19,16 @@ Edge functions are therefore divided by their error for a point with magnitude /
 Rays also need the depth of each face's plane. A ray's position in the image is P = (X, Y, 1). The distance at which it
 meets a plane is monotone in g, which is linear in X and Y:
 
-* inside, g = -1 / w, where w is in scene units along the frame's axis: -g = n . r / h with r = X right + Y up + forward
-  and h = offset - n . eye.
-* outside, g = D (1 - 1 / w), where w is 1 at the scene's centre, D away from the eye: so float32 resolves the scene
-  equally well from any distance. g = (offset - X n . right - Y n . up) / h with h = offset / D + n . forward.
+* For an eye inside, g = -1 / w, with w in scene units along the frame's axis. With r = X right + Y up + forward and
+  h = offset - n . eye, -g = n . r / h.
+* For an eye outside, g = D (1 - 1 / w). Here w is 1 at the scene's centre, at the distance D from the eye, so that
+  float32 resolves the scene equally well from any distance. With h = offset / D + n . forward,
+  g = (offset - X n . right - Y n . up) / h.
 
-With `size` as in `_set_up_planes`: normal, offset and frame are rounded once, so h errs by less than ``PLANE_ERROR
-size`` (from outside, ``PLANE_ERROR``), and so g by that over h, relatively. The numerator has three terms of at most
-1.5, whose factors err by 8 u at most; with the rounding of products and sums it errs by less than 48 u. `DEPTH_ERROR`
-and `HEIGHT_ERROR` have room for the rounding of the bounds themselves. Faces whose h is below twice its error are left
-to float64.
+Let `size` be as in `_set_up_planes`. Normal, offset and frame are rounded once, so h errs by less than ``PLANE_ERROR
+size`` (from outside, ``PLANE_ERROR``), and g by that over h, relatively. The numerator has three terms of at most 1.5,
+whose factors err by 8 u at most; with the rounding of products and sums it errs by less than 48 u. `DEPTH_ERROR` and
+`HEIGHT_ERROR` have a margin for the rounding of the bounds themselves. If h is below twice its error, float64 decides.
 """
 
 import numpy as np

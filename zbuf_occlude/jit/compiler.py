@@ -150,7 +150,7 @@ def compiled_before(job: str) -> bool:
     """
     name = "-".join(_names())
     for base in _bases():
-        there = next(place for place in (base / name, base, *base.parents) if os.path.exists(place))
+        there = next(folder for folder in (base / name, base, *base.parents) if os.path.exists(folder))
         if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
             return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
     return False
@@ -166,8 +166,8 @@ def note_compiled(job: str) -> None:
 @cache
 def _names() -> tuple[str, str]:
     """Return the parts of the folder's name: a digest of package, Python and processor, and one of the sources."""
-    place = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
-    return f"zbuf_occlude-{place}", _digest(*_sources())
+    installation = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    return f"zbuf_occlude-{installation}", _digest(*_sources())
 
 
 def _bases() -> Iterator[Path]:

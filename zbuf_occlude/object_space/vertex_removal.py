@@ -1,4 +1,4 @@
-"""Hidden surface removal by vertices (paper 3.3): a face goes as soon as one of its vertices is hidden."""
+"""Hidden-surface removal by vertices (paper 3.3): a face with a hidden vertex is removed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,15 @@ from zbuf_occlude.object_space.planes import FacePlanes
 
 
 class VertexRemoval:
-    """A mesh made ready for hidden surface removal by vertices; `contact` is tau, world units.
+    """Mesh prepared for hidden-surface removal by vertices; `contact` is tau, world units.
 
     Notes
     -----
-    A vertex is not tested against its own faces: those with a corner at the same *position*. Meshes of the kind that
-    the paper uses repeat a vertex for every face around it (chair_0003 has three a face), so going by the vertex's
-    index would leave its neighbours as occluders. Where faces merely touch (a vertex upon another face's edge), the
-    contact tolerance keeps the other face from hiding it. Repeated vertices are each tested, as the paper's counts of
-    points say (2,628 faces, 7,884 points); vertices that no face uses are not.
+    A vertex is not tested against its own faces: those with a corner at the same *position*. The paper's meshes repeat
+    a vertex for every face around it (chair_0003 has three per face); by index, the neighbouring faces would hide it.
+    If faces merely touch (a vertex on another face's edge), the contact tolerance keeps the other face from hiding it.
+    Repeated vertices are each tested, as in the paper's counts of points (2,628 faces, 7,884 points); vertices that no
+    face uses are not tested.
 
     References
     ----------
@@ -32,7 +32,7 @@ class VertexRemoval:
         self.mesh = mesh
         self.planes = FacePlanes.of(mesh)
         self._contact = contact
-        # + 0.0 turns -0.0 into 0.0
+        # adding 0.0 turns -0.0 into 0.0
         _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)
         labels: IntArray = position_ids.reshape(-1).astype(np.int32)
         self._face_labels: IntArray = labels[mesh.faces]
@@ -43,10 +43,10 @@ class VertexRemoval:
     def visible(
         self, points: SurfacePoints, face_ids: IntArray, eyes: FloatArray, distances: Distances | None = None
     ) -> tuple[BoolArray, NDArray[np.int64]]:
-        """Find which points lie on faces that are left from each eye (world space).
+        """Return which points lie on faces that are kept for each eye (world space).
 
         `face_ids`, (n,), index the mesh's faces; a point on none (-1) is tested itself. `distances` exclude far faces
-        as occluders. Returns (k, n) bool, and how many pairs of vertex and face were tested from each eye.
+        as occluders. Returns (k, n) bool, and the number of tested pairs of vertex and face for each eye.
         """
         free = face_ids < 0
         used, off_faces = self.mesh.vertices[self._used], points.positions[free]

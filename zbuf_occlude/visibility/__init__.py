@@ -1,4 +1,4 @@
-"""The table of methods, and `prepare`, the one way to use them. A new method is one file and one row here."""
+"""Table of methods, and `prepare`, which prepares a mesh for one. A new method is one file and one row here."""
 
 from collections.abc import Callable
 from inspect import signature
@@ -11,7 +11,7 @@ from zbuf_occlude.visibility.interface import Method, VisibilityQuery
 
 
 class Methods(tuple[Method, ...]):
-    """The rows of the table in their order; ``METHODS["exact"]`` is the row of a name."""
+    """Rows of the table in order; ``METHODS["exact"]`` is the row of a name."""
 
     def __getitem__(self, which: Any) -> Any:  # a name, or what a tuple takes
         return find_method(which) if isinstance(which, str) else super().__getitem__(which)
@@ -43,7 +43,7 @@ METHODS = Methods(
             "zbuf_occlude.visibility.exact_gl:prepare",
             exact=True,
             needs_gl=True,
-            no_first_hits="its entries are sample points; rays have none",
+            ray_casting_unsupported_reason="its entries are sample points, and a ray has none",
         ),
         Method(
             "embree",
@@ -67,31 +67,31 @@ METHODS = Methods(
             extra="pyrender",
             requires="pyrender",
             libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
-            no_first_hits="its pixels lie where its camera has them, not where the rays go",
+            ray_casting_unsupported_reason="its pixels lie where its camera has them, not where the rays go",
         ),
         Method(
             "vertex_hsr",
             "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
             "zbuf_occlude.visibility.vertex_hsr:prepare",
-            no_first_hits="it keeps or drops whole faces, and looks at no ray",
+            ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "vertex_hsr_culled",
             "the same with far faces excluded by distance: first or second suggestion of paper 3.6",
             "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
-            no_first_hits="it keeps or drops whole faces, and looks at no ray",
+            ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "exact_hsr",
             "paper 3.5: every point against all faces by planes and perpendicular planes",
             "zbuf_occlude.visibility.exact_hsr:prepare",
-            no_first_hits="the paper asks whether a point is hidden, not what hides it first",
+            ray_casting_unsupported_reason="the paper asks whether a point is hidden, not what hides it first",
         ),
         Method(
             "occupancy_grid",
             "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
             "zbuf_occlude.visibility.occupancy_grid:prepare",
-            no_first_hits="its cells name no face",
+            ray_casting_unsupported_reason="its cells name no face",
         ),
         Method(
             "hidden_point_removal",
@@ -101,25 +101,25 @@ METHODS = Methods(
             extra="open3d",
             requires="open3d",
             libraries=("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1"),
-            no_first_hits="it knows points and no faces",
+            ray_casting_unsupported_reason="it uses points and no faces",
         ),
     )
 )
 
 
 def find_method(name: str) -> Method:
-    """Return the row of a name.
+    """Return the row of a method.
 
     Raises
     ------
     OptionError
-        No such method; the message lists those there are.
+        No such method; the message lists the methods.
     """
     return find_row("method", name, METHODS)
 
 
 def check_keywords(function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
-    """Raise OptionError for a keyword that neither a public function nor the method that it passes options to has."""
+    """Raise OptionError for a keyword that is neither the function's own nor an option of the method."""
     own = [
         name for name, parameter in signature(function).parameters.items() if parameter.kind is parameter.KEYWORD_ONLY
     ]
@@ -133,21 +133,29 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
 
 
 def prepare(
-    mesh: MeshLike | SurfacePoints, method: str = "depth_buffer", *, gl: Any = None, **options: Any
+    mesh: MeshLike | SurfacePoints,
+    method: str = "depth_buffer",
+    *,
+    gl: Any = None,
+    warn: bool = True,
+    **options: Any,
 ) -> VisibilityQuery:
-    """Make a mesh ready to answer line-of-sight questions by one method.
+    """Prepare a mesh for line-of-sight questions by one method.
 
     Parameters
     ----------
     mesh : Mesh or SurfacePoints
-        Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces). A point
-        cloud for methods that do not look at faces (`Method.needs_faces`).
+        Or any other mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces). A point cloud for methods
+        that do not use faces (`Method.needs_faces`).
     method : str
-        A name of the table `METHODS`.
+        Name in the table `METHODS`.
     gl : GlContext, optional
-        For methods that need GL; without it the occluders of a thread share one, which closes when the thread ends.
+        OpenGL context, for methods that need one. By default the queries of a thread share a context, which closes when
+        the thread ends.
+    warn : bool
+        Warn of eyes inside the mesh's bounding box and, unless `contact` is given, of faces far from all others.
     **options
-        The method's own; ``zbuf-occlude methods`` lists them.
+        Options of the method; ``zbuf-occlude methods`` lists them.
 
     Returns
     -------
@@ -156,13 +164,13 @@ def prepare(
     Raises
     ------
     ArgumentError
-        `mesh` is none, or a cloud without points.
+        `mesh` is not a mesh, or a cloud without points.
     OptionError
         Unknown method, unknown option, a value out of range, or a point cloud for a method that needs faces.
     UnavailableError
-        A package the method needs is not installed.
+        A package that the method needs is not installed.
     GlError
-        The method needs GL and no context could be opened.
+        The method needs OpenGL and no context could be opened.
 
     Examples
     --------
@@ -183,12 +191,13 @@ def prepare(
             without = ", ".join(method.name for method in METHODS if not method.needs_faces)
             raise OptionError(f"method must be one that needs no faces for a point cloud, {without}; got {row.name!r}.")
         if len(mesh) == 0:
-            raise ArgumentError("a point cloud must have points; this one has none.")
+            raise ArgumentError("The point cloud has no points.")
         mesh = box_around(mesh.positions)
     if row.needs_gl and gl is None:
         from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
 
         gl = GlContext.of_thread()
-    occluder: VisibilityQuery = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
-    occluder.contact_given = "contact" in options
-    return occluder
+    query: VisibilityQuery = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)
+    if warn:
+        query.warn_once(far_faces="contact" not in options)
+    return query
