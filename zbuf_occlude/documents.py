@@ -19,7 +19,7 @@ from zbuf_occlude.errors import OptionError, describe, escape_control
 MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
 """Limits of a document. Larger ones would take a gigabyte or, for YAML, seconds."""
-LONGEST_LINE = 1000
+MAX_LINE_LENGTH = 1000
 """Maximum characters of a name, a source, a path."""
 
 
@@ -86,8 +86,8 @@ class Number:
 
 def parse_line(name: str, value: Any) -> str:
     """Return a value that is one line of text; raise OptionError if it is not."""
-    if not isinstance(value, str) or escape_control(value) != value or len(value) > LONGEST_LINE:
-        raise OptionError(f"{name} must be one line of at most {LONGEST_LINE} characters; got {reprlib.repr(value)}.")
+    if not isinstance(value, str) or escape_control(value) != value or len(value) > MAX_LINE_LENGTH:
+        raise OptionError(f"{name} must be a line of at most {MAX_LINE_LENGTH} characters; got {reprlib.repr(value)}.")
     return value
 
 

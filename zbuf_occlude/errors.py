@@ -1,6 +1,6 @@
 """Exceptions of zbuf_occlude, all under OccludeError and each also a standard exception; checks of options.
 
-Messages about arguments say what must be, what it is, and what to do. Others state what is the case.
+Messages about arguments name the requirement, the given value and the remedy. Other messages state the problem.
 """
 
 import re

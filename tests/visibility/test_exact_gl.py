@@ -29,8 +29,8 @@ def eyes_of(mesh: zo.Mesh, points: zo.SurfacePoints) -> np.ndarray:
 
 def differing(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, gl: GlContext) -> int:
     """Count the pairs that differ from the oracle's."""
-    with oracle.prepare(mesh) as judge, exact_gl.prepare(mesh, gl=gl) as occluder:
-        return int((judge.visible(points, eyes) != occluder.visible(points, eyes)).sum())
+    with oracle.prepare(mesh) as reference, exact_gl.prepare(mesh, gl=gl) as occluder:
+        return int((reference.visible(points, eyes) != occluder.visible(points, eyes)).sum())
 
 
 @pytest.mark.parametrize("index", range(2 * len(KINDS)))

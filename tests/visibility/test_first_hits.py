@@ -59,13 +59,13 @@ def rays(method: Method) -> Rays:
 def wrong(method: Method, mesh: zo.Mesh, found: FirstHits, origins: np.ndarray, directions: np.ndarray) -> float:
     """Fraction of rays with another answer than the oracle's: for an exact method any difference; for another, a face
     more than the contact tolerance nearer or farther."""
-    judge = oracle.prepare(mesh)
-    truth = judge.first_hits(origins, directions)
+    reference = oracle.prepare(mesh)
+    truth = reference.first_hits(origins, directions)
     with np.errstate(invalid="ignore"):
         apart = np.where(found.distances == truth.distances, 0.0, np.abs(found.distances - truth.distances))
     if method.exact:
         return float(((found.face_ids != truth.face_ids) | (apart > 1e-8 * truth.distances)).mean())
-    return float((apart > judge.contact).mean())
+    return float((apart > reference.contact).mean())
 
 
 def allowed(method: Method) -> float:
@@ -176,8 +176,8 @@ def test_rays_from_far_away_meet_what_they_meet_from_nearer(name: str, diagonals
     origins, directions = random_rays(1000, 8)
     units = directions / np.linalg.norm(directions, axis=1)[:, None]
     near = origins - 2.0 * SCENE.diagonal * units
-    judge, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
-    truth = judge.first_hits(near, directions)
+    reference, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
+    truth = reference.first_hits(near, directions)
     with zo.prepare(SCENE, name) as occluder:
         found = occluder.first_hits(near - skipped * units, directions)
     assert (truth.face_ids >= 0).mean() > 0.3

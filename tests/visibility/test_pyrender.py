@@ -73,8 +73,8 @@ def test_image_is_upright_and_not_mirrored(torus: PyrenderOccluder) -> None:
 
 
 def agreement(occluder: zo.visibility.interface.VisibilityQuery, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
-    judge = oracle.prepare(occluder.mesh)
-    return float((occluder.visible(points, eyes) == judge.visible(points, eyes)).mean())
+    reference = oracle.prepare(occluder.mesh)
+    return float((occluder.visible(points, eyes) == reference.visible(points, eyes)).mean())
 
 
 def test_agrees_with_the_oracle_as_well_as_a_pixel_allows(torus: PyrenderOccluder) -> None:

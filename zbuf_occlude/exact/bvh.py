@@ -179,7 +179,7 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
 
 @always_inline
 def _put_row(rows, i, axis, lower, upper):
-    """Write row i along an axis: the lower bound and the negated upper one, then their sum (twice the centre) likewise.
+    """Write row i along an axis: the lower and the negated upper bound; then their sum, twice the centre, and minus it.
 
     The last four numbers of a row are unused.
     """

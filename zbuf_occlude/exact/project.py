@@ -30,6 +30,7 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.jit.compiler import always_inline, device_function
 from zbuf_occlude.jit.simd import (
     absolute,
+    blend,
     divide,
     greater,
     highest,
@@ -39,7 +40,6 @@ from zbuf_occlude.jit.simd import (
     maximum,
     minimum,
     not_less,
-    select,
     splat,
     store,
     transform,
@@ -104,10 +104,10 @@ def project_boxes(boxes, index, stride, view, error, rectangles, to):
     slack = splat(-error * view.half_width * np.float32(2.0)) if view.near > ZERO else near
     seen = not_less(w1, splat(ZERO)) & not_less(left, slack) & not_less(right, slack)
     seen &= not_less(below, slack) & not_less(above, slack)
-    store(rectangles, LEFT * LEAF + to, select(seen, select(whole, x0, near), far))
-    store(rectangles, RIGHT * LEAF + to, select(seen, select(whole, x1, far), near))
-    store(rectangles, BOTTOM * LEAF + to, select(whole, y0, near))
-    store(rectangles, TOP * LEAF + to, select(whole, y1, far))
+    store(rectangles, LEFT * LEAF + to, blend(seen, blend(whole, x0, near), far))
+    store(rectangles, RIGHT * LEAF + to, blend(seen, blend(whole, x1, far), near))
+    store(rectangles, BOTTOM * LEAF + to, blend(whole, y0, near))
+    store(rectangles, TOP * LEAF + to, blend(whole, y1, far))
     store(rectangles, MIN_W * LEAF + to, w0)
     store(rectangles, MAX_W * LEAF + to, w1)
 
@@ -132,7 +132,7 @@ def is_empty(rect):
 
 
 @device_function
-def joined(a, b):
+def union(a, b):
     """Return the rectangle around two rectangles."""
     if is_empty(a) or is_empty(b):
         return b if is_empty(a) else a
@@ -169,16 +169,16 @@ def project_packet(bvh, points, packet, view, image):
     store(image, PACKET, v)
     store(image, 2 * PACKET, w)
     # points outside the frame must not widen the rectangle
-    inverse_max = max(ONE, highest(select(shown, inverse, -F32_MAX)))
+    inverse_max = max(ONE, highest(blend(shown, inverse, -F32_MAX)))
     slack = np.float32(3.0) * COORDINATE_ERROR * magnitude * inverse_max
     bounds = _inverse_distances(points.boxes, packet, view, np.float32(bvh.contact))
     rect = PacketRect(
         first=base,
-        left=lowest(select(shown, u, F32_MAX)) - slack,
-        right=highest(select(shown, u, -F32_MAX)) + slack,
-        bottom=lowest(select(shown, v, F32_MAX)) - slack,
-        top=highest(select(shown, v, -F32_MAX)) + slack,
-        max_w=highest(select(shown, w, -F32_MAX)) + slack,
+        left=lowest(blend(shown, u, F32_MAX)) - slack,
+        right=highest(blend(shown, u, -F32_MAX)) + slack,
+        bottom=lowest(blend(shown, v, F32_MAX)) - slack,
+        top=highest(blend(shown, v, -F32_MAX)) + slack,
+        max_w=highest(blend(shown, w, -F32_MAX)) + slack,
         error_scale=inverse_max * magnitude / view.magnitude,
         magnitude=magnitude,
         inverse_distance_max=bounds[0],

@@ -39,9 +39,9 @@ from zbuf_occlude.jit.simd import (
     ALL,
     N_LANES,
     absolute,
+    blend,
     count_lanes,
     divide,
-    fill,
     first_lane,
     greater,
     highest,
@@ -54,9 +54,9 @@ from zbuf_occlude.jit.simd import (
     minimum,
     muladd,
     not_less,
-    select,
     splat,
     store,
+    store_masked,
 )
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
@@ -134,7 +134,7 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
         store(state.lows, at, splat(F32_MAX))
         store(state.highs, at, splat(F32_MAX))
         store(state.limits, at, splat(max_w))
-        fill(state.face_ids, at, ALL, np.int32(-1))
+        store_masked(state.face_ids, at, ALL, np.int32(-1))
     limit, active = F32_MAX, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
         found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], rect)
@@ -177,8 +177,8 @@ def _max_w(frame, g):
     # -1 / g, or 1 / (1 - g / D)
     divisor = zero - g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
     ahead = greater(divisor, zero)
-    w = divide(splat(ROUNDED_UP), select(ahead, divisor, one))
-    return select(ahead, minimum(w, max_w), max_w)
+    w = divide(splat(ROUNDED_UP), blend(ahead, divisor, one))
+    return blend(ahead, minimum(w, max_w), max_w)
 
 
 @always_inline
@@ -252,9 +252,9 @@ def _test_face(bvh, frame, rays, within, leaf, slot, face_lane, space, state):
         maybe &= not_less(highs, low)
         sure = maybe & known & greater(inside, splat(CERTAIN)) & greater(lows, high)
         if sure:
-            store(state.lows, at, select(sure, low, lows))
-            store(state.highs, at, select(sure, high, highs))
-            fill(state.face_ids, at, sure, face)
+            store(state.lows, at, blend(sure, low, lows))
+            store(state.highs, at, blend(sure, high, highs))
+            store_masked(state.face_ids, at, sure, face)
         doubtful = maybe & ~sure
         changed |= sure != 0
         while doubtful:

@@ -25,7 +25,7 @@ from zbuf_occlude.exact.layout import (
     put,
 )
 from zbuf_occlude.exact.points import make_packets
-from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, rect_of_chunk
+from zbuf_occlude.exact.project import is_empty, project_boxes, project_packet, rect_of_chunk, union
 from zbuf_occlude.exact.single_rays import TRAVERSAL_RAYS, make_traversal_scratch
 from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
 from zbuf_occlude.exact.view import project_eyes, view_of
@@ -147,7 +147,7 @@ def _search_chunks(bvh, points, view, chunks, space, answer):
         project_boxes(points.chunk_boxes, first, points.chunk_boxes.shape[1], view, error, rectangles, 0)
         rect = rect_of_chunk(first, view, rectangles)
         for chunk in range(first + 1, last):
-            rect = joined(rect, rect_of_chunk(chunk, view, rectangles))
+            rect = union(rect, rect_of_chunk(chunk, view, rectangles))
         if is_empty(rect):
             continue
         n_before = list_candidates(bvh, view, rect, space)

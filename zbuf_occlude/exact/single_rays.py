@@ -24,6 +24,7 @@ from zbuf_occlude.jit.compiler import always_inline, device_function, inline_ir,
 from zbuf_occlude.jit.pointer import pointer_to
 from zbuf_occlude.jit.simd import (
     absolute,
+    blend,
     count_lanes,
     dot3,
     first_lane,
@@ -36,7 +37,6 @@ from zbuf_occlude.jit.simd import (
     minimum,
     muladd,
     not_less,
-    select,
     splat,
     splat3,
     store,
@@ -285,7 +285,7 @@ def _push_children(bvh, scratch, n_nodes, n_leaves):
             enter = maximum(enter, muladd(load(boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
             leave = minimum(leave, muladd(load(boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
         mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(n_children, node)) - 1)
-        enter = select(mask, tag_lanes(enter), splat(-F32_MAX))
+        enter = blend(mask, tag_lanes(enter), splat(-F32_MAX))
         store(lanes, 0, enter)
         top, rest = load_unchecked(state[3], i), mask
         for _ in range(UNROLLED_CHILDREN):
@@ -384,7 +384,7 @@ def _candidates(corners, leaf, rays, i):
     u, v = dot3(moment, second, zero), zero - dot3(moment, first, zero)
     slope, depth = zero - dot3(normal, direction, zero), dot3(normal, start, zero)
     turned = greater(zero, slope)
-    u, v, depth = select(turned, zero - u, u), select(turned, zero - v, v), select(turned, zero - depth, depth)
+    u, v, depth = blend(turned, zero - u, u), blend(turned, zero - v, v), blend(turned, zero - depth, depth)
     slope = absolute(slope)
     size = _size_of(first) + _size_of(second)
     distance = _size_of(moment)  # 1 to 1.8 times the ray's distance from the first corner

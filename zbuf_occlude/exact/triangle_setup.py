@@ -57,6 +57,7 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.jit.compiler import always_inline, device_function
 from zbuf_occlude.jit.simd import (
     absolute,
+    blend,
     divide,
     dot3,
     greater,
@@ -68,7 +69,6 @@ from zbuf_occlude.jit.simd import (
     minimum,
     muladd,
     not_less,
-    select,
     splat,
     splat3,
     square_root,
@@ -150,8 +150,8 @@ def _set_up_planes(bvh, leaf, view, space, slot):
     edge_on = not_less(splat(np.float32(2.0) * PLANE_ERROR * size), absolute(height))
     row = (slot * SETUP_ROWS + NORMAL) * LEAF
     for axis in range(3):
-        store(space.setups, row + axis * LEAF, select(below, zero - normal[axis], normal[axis]))
-    store(space.setups, row + 3 * LEAF, select(below, zero - offset, offset))
+        store(space.setups, row + axis * LEAF, blend(below, zero - normal[axis], normal[axis]))
+    store(space.setups, row + 3 * LEAF, blend(below, zero - offset, offset))
     row = (slot * SETUP_ROWS + CONTACT) * LEAF
     store(space.setups, row, absolute(height) * splat(np.float32(bvh.contact)))
     return below, (edge_on | bvh.weak[leaf]) & used
@@ -175,10 +175,10 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
     span = square_root(maximum(maximum(dot3(a, a, zero), dot3(b, b, zero)), dot3(c, c, zero)))
     length = square_root(maximum(maximum(dot3(ab, ab, zero), dot3(bc, bc, zero)), dot3(ca, ca, zero)))
     ahead = greater(nearest, zero)
-    stretch = maximum(one, divide(one, select(ahead, nearest, one)))
-    size = minimum(select(ahead, length * stretch, endless), one + length) * span
+    stretch = maximum(one, divide(one, blend(ahead, nearest, one)))
+    size = minimum(blend(ahead, length * stretch, endless), one + length) * span
     scale = divide(one, maximum(size * splat(EDGE_ERROR * view.magnitude), splat(np.float32(1e-30))))
-    scale = select(below, scale, zero - scale)
+    scale = blend(below, scale, zero - scale)
     p, q, r = _scaled(cross(a, ab), scale), _scaled(cross(b, bc), scale), _scaled(cross(c, ca), scale)
     if doubtful:
         # the inner side is unknown: take a band about the longest edge that holds the face, or the whole image
@@ -188,7 +188,7 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
         # the determinant of the corners is the value of each edge function at the opposite corner
         volume = absolute(dot3(p, c, zero))
         band = divide(one, splat(np.float32(3.0)) + volume * stretch)
-        edge = _scaled(edge, select(ahead, band, zero))
+        edge = _scaled(edge, blend(ahead, band, zero))
         p = _chosen(doubtful, edge, p)
         q = _chosen(doubtful, _scaled(edge, zero - one), q)
         r = _chosen(doubtful, (zero, zero, zero), r)
@@ -205,7 +205,7 @@ def _scaled(a, scale):
 
 @always_inline
 def _chosen(mask, a, b):
-    return select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2])
+    return blend(mask, a[0], b[0]), blend(mask, a[1], b[1]), blend(mask, a[2], b[2])
 
 
 @always_inline
@@ -214,9 +214,9 @@ def _bound(corners, used, view, space, slot):
     a, b, c = corners
     far, low = splat(F32_MAX), splat(-F32_MAX)
     error, bounds = COORDINATE_ERROR * view.magnitude, space.slot_rectangles
-    nearest = lowest(select(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
+    nearest = lowest(blend(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
     bounds[MIN_W, slot] = nearest
-    bounds[MAX_W, slot] = highest(select(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
+    bounds[MAX_W, slot] = highest(blend(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
     if nearest <= ZERO:
         bounds[LEFT, slot], bounds[RIGHT, slot] = -F32_MAX, F32_MAX
         bounds[BOTTOM, slot], bounds[TOP, slot] = -F32_MAX, F32_MAX
@@ -224,10 +224,10 @@ def _bound(corners, used, view, space, slot):
     ia, ib, ic = divide(splat(ONE), a[2]), divide(splat(ONE), b[2]), divide(splat(ONE), c[2])
     margin = error * np.float32(1.01) / nearest
     xa, xb, xc, ya, yb, yc = a[0] * ia, b[0] * ib, c[0] * ic, a[1] * ia, b[1] * ib, c[1] * ic
-    bounds[LEFT, slot] = lowest(select(used, minimum(xa, minimum(xb, xc)), far)) - margin
-    bounds[RIGHT, slot] = highest(select(used, maximum(xa, maximum(xb, xc)), low)) + margin
-    bounds[BOTTOM, slot] = lowest(select(used, minimum(ya, minimum(yb, yc)), far)) - margin
-    bounds[TOP, slot] = highest(select(used, maximum(ya, maximum(yb, yc)), low)) + margin
+    bounds[LEFT, slot] = lowest(blend(used, minimum(xa, minimum(xb, xc)), far)) - margin
+    bounds[RIGHT, slot] = highest(blend(used, maximum(xa, maximum(xb, xc)), low)) + margin
+    bounds[BOTTOM, slot] = lowest(blend(used, minimum(ya, minimum(yb, yc)), far)) - margin
+    bounds[TOP, slot] = highest(blend(used, maximum(ya, maximum(yb, yc)), low)) + margin
 
 
 @always_inline
@@ -248,14 +248,14 @@ def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
         height, constant = muladd(offset, splat(ONE / away), w * splat(away)), offset
     error = splat(HEIGHT_ERROR * size)
     unknown = doubtful | not_less(error, absolute(height))
-    inverse = divide(one, select(unknown, one, height))
+    inverse = divide(one, blend(unknown, one, height))
     row, width = (slot * SETUP_ROWS + DEPTH) * LEAF, LEAF
-    store(space.setups, row, select(unknown, zero, zero - x * inverse))
-    store(space.setups, row + width, select(unknown, zero, zero - y * inverse))
-    store(space.setups, row + 2 * width, select(unknown, zero, constant * inverse))
+    store(space.setups, row, blend(unknown, zero, zero - x * inverse))
+    store(space.setups, row + width, blend(unknown, zero, zero - y * inverse))
+    store(space.setups, row + 2 * width, blend(unknown, zero, constant * inverse))
     inverse = absolute(inverse)
-    store(space.setups, row + 3 * width, select(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
-    store(space.setups, row + 4 * width, select(unknown, zero, inverse * error))
+    store(space.setups, row + 3 * width, blend(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
+    store(space.setups, row + 4 * width, blend(unknown, zero, inverse * error))
     return unknown & bvh.used[leaf]
 
 

@@ -16,8 +16,8 @@ BINS = 256
 SAMPLED, MAX_STEP = 1_000, 50
 """Number of faces that the first test samples, every n-th one with n at most `MAX_STEP`."""
 SAMPLED_SHARE = 0.5
-"""Share of the sampled faces, or of their area, that lies together in a mesh with far faces. Far faces have at most 1 %
-of the area, and are most of the sampled area only if few faces have most of the others' area; then they are few."""
+"""Share of the sampled faces, by area or number, that lies together in a mesh with far faces. These have at most 1 % of
+the area. A sample that misses the large faces of the others may be mostly far by area, but then not by number."""
 NAMED = 3
 """Maximum number of faces that a message names."""
 

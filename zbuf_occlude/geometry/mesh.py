@@ -277,7 +277,7 @@ def check_frame(up: str | None, unit: str | None) -> None:
         check_choice("unit", unit, UNITS)
 
 
-def stood(vertices: FloatArray, up: str | None, unit: str | None) -> FloatArray:
+def convert_frame(vertices: FloatArray, up: str | None, unit: str | None) -> FloatArray:
     """Return vertices (v, 3) with axis `up` turned to z and `unit` converted to metres; None leaves them."""
     if up == "y":
         vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
@@ -312,7 +312,7 @@ def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, c
     found = _of_object(mesh, colors)
     if up in (None, "z") and unit in (None, "m"):
         return found
-    return replace(found, vertices=stood(found.vertices, up, unit))
+    return replace(found, vertices=convert_frame(found.vertices, up, unit))
 
 
 def _of_object(mesh: MeshLike, colors: bool) -> Mesh:

@@ -253,7 +253,7 @@ def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArra
         The eye is within the mesh's bounding box, or so near that no single picture holds the mesh.
     """
     gl.make_current()
-    unit = Unit.of(mesh.centre, mesh.diagonal)
+    unit = Unit.from_box(mesh.centre, mesh.diagonal)
     arrays = arrange_mesh(mesh, unit)
     views = rigid_matrices(view.poses[:, :3, :3], unit.to(view.eyes))
     cameras = reversed_depth(views, picture_frusta(views, arrays.positions, view.windows))

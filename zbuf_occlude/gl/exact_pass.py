@@ -269,7 +269,7 @@ class ExactPass:
         available = int(gl.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
             raise GlError(f"a compute shader needs {_BINDINGS} storage blocks; {gl.renderer} allows {available}.")
-        self._unit = Unit.of(mesh.centre, mesh.diagonal)
+        self._unit = Unit.from_box(mesh.centre, mesh.diagonal)
         self._work_groups = SOFTWARE if gl.is_software else HARDWARE
         self.work = WorkCounts()
         self._contact = contact

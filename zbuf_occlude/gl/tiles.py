@@ -52,7 +52,7 @@ class Unit:
     scale: float
 
     @classmethod
-    def of(cls, centre: FloatArray, diagonal: float) -> "Unit":
+    def from_box(cls, centre: FloatArray, diagonal: float) -> "Unit":
         """Return the unit space of a mesh from its bounding box."""  # 2^1023 is the largest power of two in float64
         return cls(centre, float(np.ldexp(1.0, min(-int(np.frexp(diagonal)[1]), 1023))) if diagonal > 0.0 else 1.0)
 

@@ -202,9 +202,9 @@ def _sources() -> Iterator[bytes]:
 
 def _processor() -> str:
     """Return the model of the processor, as Linux describes it, without what differs between its cores."""
-    told = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
+    keys = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
     with suppress(OSError), open("/proc/cpuinfo") as file:
-        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(told))
+        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(keys))
     import platform  # late: only other systems need it
 
     return platform.processor()

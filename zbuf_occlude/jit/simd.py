@@ -290,7 +290,7 @@ def equal_wide(typing_context, array, index, value):
 
 
 @intrinsic
-def fill(typing_context, array, index, mask, value):
+def store_masked(typing_context, array, index, mask, value):
     """Store a value in the masked lanes of the 16 int32 of an array from a flat index on."""
 
     def codegen(context, builder, signature, args):
@@ -305,7 +305,7 @@ def fill(typing_context, array, index, mask, value):
 
 
 @intrinsic
-def select(typing_context, mask, a, b):
+def blend(typing_context, mask, a, b):
     """Return a in the lanes of a mask, b in the others."""
     vector = _vector_of(a, b)
     if vector is None:

@@ -27,7 +27,7 @@ class PlaneDistances:
         # a face without a normal (of a mesh that was not cleaned) occludes nothing, so its distance does not matter
         self._unit = faces.planes[:, :4] / np.where(lengths > 0.0, lengths, 1.0)
 
-    def of(self, eye: FloatArray) -> FloatArray:
+    def from_eye(self, eye: FloatArray) -> FloatArray:
         """Return the distances of all planes from an eye (world space), (f,)."""
         return np.abs(self._unit[:, :3] @ (eye - self._origin) + self._unit[:, 3])
 
@@ -57,7 +57,7 @@ class SampleDistances:
         self.positions = points_in_triangles(mesh.corners, counts, rng)
         self._first = np.cumsum(counts) - counts
 
-    def of(self, eye: FloatArray) -> FloatArray:
+    def from_eye(self, eye: FloatArray) -> FloatArray:
         """Return the distance of each face's nearest sample from an eye (world space), (f,)."""
         return np.asarray(np.minimum.reduceat(np.linalg.norm(self.positions - eye, axis=1), self._first))
 

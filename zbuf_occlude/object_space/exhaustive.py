@@ -52,7 +52,7 @@ def hidden_points(
     Notes
     -----
     O(n f) time at most, since a search stops at the first hiding face; no memory beyond the answer. All cores share the
-    points. Faces are tested in the mesh's order, for every point anew.
+    points. Each point tests the faces in the mesh's order.
     """
     hidden, n_tests = np.zeros(len(positions), dtype=np.bool_), np.zeros(len(positions), dtype=np.int64)
     parallel_for(

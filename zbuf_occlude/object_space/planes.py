@@ -37,7 +37,7 @@ class FacePlanes:
     edges: FloatArray
 
     @classmethod
-    def of(cls, mesh: Mesh) -> "FacePlanes":
+    def from_mesh(cls, mesh: Mesh) -> "FacePlanes":
         """Compute the equations of all faces of a mesh.
 
         References

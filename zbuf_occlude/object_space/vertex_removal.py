@@ -30,7 +30,7 @@ class VertexRemoval:
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
         self.mesh = mesh
-        self.planes = FacePlanes.of(mesh)
+        self.planes = FacePlanes.from_mesh(mesh)
         self._contact = contact
         # adding 0.0 turns -0.0 into 0.0
         _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)
@@ -54,7 +54,7 @@ class VertexRemoval:
         answer = np.empty((len(eyes), len(points)), dtype=bool)
         n_tests = np.zeros(len(eyes), dtype=np.int64)
         for j, eye in enumerate(eyes):
-            far = NO_DISTANCES if distances is None else distances.of(eye)
+            far = NO_DISTANCES if distances is None else distances.from_eye(eye)
             search = self.planes, self._face_labels
             hidden, n_tests[j] = hidden_points(*search, used, self._labels, eye, self._contact, far)
             kept = np.asarray(~hidden[self._corner_ids].any(axis=1))

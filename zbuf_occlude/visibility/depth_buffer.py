@@ -113,7 +113,7 @@ class DepthBuffer(VisibilityQuery):
         self._gl, self.renderer = gl, gl.renderer
         self._resolution, self.tolerance = resolution, tolerance * mesh.diagonal
         gl.make_current()
-        self._unit = Unit.of(mesh.centre, mesh.diagonal)
+        self._unit = Unit.from_box(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
         self._witness = witness
         self._criteria = {

@@ -71,7 +71,7 @@ class ExactHsr(VisibilityQuery):
     def __init__(self, mesh: Mesh, cull: str, n_samples: int, seed: int, contact: float) -> None:
         super().__init__(mesh)
         self._contact = contact * mesh.diagonal
-        self._planes = FacePlanes.of(mesh)
+        self._planes = FacePlanes.from_mesh(mesh)
         self._face_labels = np.arange(len(mesh.faces), dtype=np.int32)[:, None]
         self._distances: Distances | None = None
         if cull == "first":
@@ -84,7 +84,7 @@ class ExactHsr(VisibilityQuery):
         answer = np.empty((len(eyes), len(points)), dtype=bool)
         n_tests = np.zeros(len(eyes), dtype=np.int64)
         for j, eye in enumerate(eyes):
-            distances = NO_DISTANCES if self._distances is None else self._distances.of(eye)
+            distances = NO_DISTANCES if self._distances is None else self._distances.from_eye(eye)
             hidden, n_tests[j] = hidden_points(
                 self._planes, self._face_labels, points.positions, points.face_ids, eye, self._contact, distances
             )

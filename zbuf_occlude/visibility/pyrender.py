@@ -271,7 +271,7 @@ class _Child:
         return reply
 
     def _failure(self) -> GlError:
-        """End the process, and return an error that says how it had ended, if it had."""
+        """End the process, and return an error with the way it had ended, or that it did not answer."""
         if not self.close.alive:
             return GlError("An earlier error ended pyrender's process. Prepare the mesh again.")
         try:
