@@ -109,4 +109,4 @@ def _corners(loaded: Sequence[zo.Mesh]) -> Iterator[Lines]:
 
 
 if __name__ == "__main__":
-    run(main, __doc__, methods=[m.name for m in zo.METHODS if not m.no_first_hits])
+    run(main, __doc__, methods=[m.name for m in zo.METHODS if not m.ray_casting_unsupported_reason])

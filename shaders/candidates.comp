@@ -1,10 +1,10 @@
-// The faces seen in the 4 x 4 pixels around the place where each ray leaves its picture: candidates for its first hit.
+// Reads the faces in the 4 x 4 pixels around each ray's position in its picture: candidates for its first hit.
 #version 430
 layout(local_size_x = 64) in;
 
-uniform int n_rays;  // of this dispatch
+uniform int n_rays;  // rays of this dispatch
 
-layout(std430, binding = 0) readonly buffer Rays { ivec2 lowest[]; };  // pixel of the atlas, the window's lower left
+layout(std430, binding = 0) readonly buffer Rays { ivec2 lowest[]; };  // lower left of the 4 x 4 pixels, in the atlas
 layout(std430, binding = 1) writeonly buffer Seen { int seen[]; };     // 16 per ray
 layout(binding = 1) uniform isampler2D faces;
 

@@ -1,4 +1,4 @@
-// Keeps the id of the nearest face at each pixel's centre, beside the depth that fixed hardware keeps.
+// Writes the id of the nearest face at each pixel's centre, beside the depth.
 #version 430
 
 #if $FACES

@@ -3,23 +3,23 @@
 #include "tiles.glsl"
 
 uniform vec2 to_ndc;  // 2 / size of the atlas
-uniform float side;   // of a tile, in pixels
+uniform float side;   // side of a tile, in pixels
 
 in vec3 in_position;  // unit space
 
 #if $FACES
-flat out int face;  // each face's last (provoking) vertex is its own, and they come first, in the faces' order
+flat out int face;  // each face has a last (provoking) vertex of its own; these come first, in drawing order
 #endif
 
 void main()
 {
     int tile = gl_InstanceID;
-    vec4 place = tiles[tile].window * vec4(in_position, 1.0);
-    gl_Position = vec4(place.xy * to_ndc - place.w, place.z, place.w);
+    vec4 projected = tiles[tile].to_window * vec4(in_position, 1.0);
+    gl_Position = vec4(projected.xy * to_ndc - projected.w, projected.z, projected.w);
 #if $CUBE
-    // a cube face's neighbours must not be drawn into
-    vec2 low = place.xy - tiles[tile].corner.xy * place.w;
-    vec2 high = side * place.w - low;
+    // clip at the tile's sides, beyond which are other cube faces
+    vec2 low = projected.xy - tiles[tile].corner.xy * projected.w;
+    vec2 high = side * projected.w - low;
     gl_ClipDistance[0] = low.x;
     gl_ClipDistance[1] = low.y;
     gl_ClipDistance[2] = high.x;

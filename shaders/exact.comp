@@ -1,47 +1,47 @@
 // Irregular z-buffer as one compute pass: exact visibility of surface points from many eyes (gl/exact_pass.py).
 //
-// One work group answers for one *packet* (PACKET points that lie close together) and one eye. The packet's footprint
-// in a screen of its own, the plane through its centre that faces the eye, plays the part of a z-buffer's tile: the
-// clusters of faces in the shaft between footprint and eye are listed, then their triangles, and each point of the
-// packet tests those that are left. Nothing has a resolution; the lists live in shared memory.
+// One work group processes one *packet* (PACKET neighbouring points) and one eye. The packet has a screen of its own, the
+// plane through its centre that faces the eye. Its footprint there corresponds to a tile of a z-buffer: the clusters of
+// faces in the shaft between footprint and eye are listed, then their triangles, and each point of the packet tests the
+// remaining triangles. There is no resolution; the lists are in shared memory.
 //
-// Spaces: the mesh is centred and scaled by a power of two so that its diagonal is in [1/2, 1); an eye is stored times
-// a power of two g that brings it into the unit ball, so that far eyes lose nothing. Suffix _g: times g.
+// Spaces: the mesh is centred and scaled by a power of two so that its diagonal is in [1/2, 1). An eye is multiplied by
+// a power of two g that brings it into the unit ball, so that far eyes keep their precision. Suffix _g: times g.
 //
-// Exactness: a point test evaluates four planes, each divided by a bound of its own rounding error (the inputs'
-// included). Beyond 1 its sign is certain; what is between -1 and 1 is tested in float64 on the original coordinates.
-// What float64 leaves in doubt is undecided: the caller decides it.
+// Exactness: a point test evaluates four planes, each divided by a bound of its own rounding error (including the
+// inputs'). Beyond 1 the sign is certain; values between -1 and 1 are tested in float64 on the original coordinates.
+// Pairs that float64 cannot decide are reported as undecided to the caller.
 //
-// Work: a group that has taken more than BUDGET steps gives up, keeps what it found, and lists itself; the caller asks
-// again with the boxes below. (llvmpipe ends every loop silently after 65,535 iterations in all; GPUs like short groups.)
+// Work: a group stops after BUDGET steps, keeps its results, and lists itself as unfinished; the caller dispatches the
+// boxes below. (llvmpipe ends loops silently after 65,535 iterations in all, and short groups suit GPUs.)
 #version 430
 layout(local_size_x = $THREADS) in;
 
 const uint THREADS = $THREADS, PER_THREAD = $PER_THREAD;
-const uint STRANDS = $STRANDS;           // threads that share a point and divide its triangles, where points are few
+const uint STRANDS = $STRANDS;           // threads that share a point and divide its triangles
 const uint COLUMNS = THREADS / STRANDS, PACKET = COLUMNS * PER_THREAD;
 const uint WIDTH = $WIDTH;               // children of a box
 const uint LEAF = $LEAF;                 // faces of a cluster
-const uint OPENED = max(THREADS / WIDTH, 1u);  // boxes opened at once
-const uint CLUSTERS = 4u * THREADS;      // listed before their triangles are looked at; OPENED * WIDTH more fit
-const uint TRIANGLES = $TRIANGLES;       // listed before the points test them; THREADS more fit
+const uint OPENED = max(THREADS / WIDTH, 1u);  // boxes opened at a time
+const uint CLUSTERS = 4u * THREADS;      // clusters listed before their triangles are tested; OPENED * WIDTH more fit
+const uint TRIANGLES = $TRIANGLES;       // triangles listed before the points test them; THREADS more fit
 const uint BUDGET = $BUDGET;
-const bool COUNTING = $COUNTING;         // of the work done, for benchmarks and tests
+const bool COUNTING = $COUNTING;         // count operations, for benchmarks and tests
 const uint NONE = 0xffffffffu;
-const uint LEVEL_SHIFT = 28u, NODE = (1u << LEVEL_SHIFT) - 1u;  // an entry is a level of the tree and a box of it
-const float EPSILON = $EPSILON;          // float32's unit roundoff
-const float SLACK = 4e-6;                // of boxes: some 64 roundings of coordinates below 1
-const float FAR = 1e6;                   // a packet so far out is left to float64
+const uint LEVEL_SHIFT = 28u, NODE = (1u << LEVEL_SHIFT) - 1u;  // an entry holds a level of the tree and a box of it
+const float EPSILON = $EPSILON;          // unit roundoff of float32
+const float SLACK = 4e-6;                // margin of boxes: some 64 roundings of coordinates below 1
+const float FAR = 1e6;                   // distance of a packet beyond which float64 decides
 const float TINY = 1e-30;
 
-struct Face { vec4 a_ab, ab_ac, ac_n, bc; };  // corner a, edges ab, ac, normal n, edge bc, one after the other
+struct Face { vec4 a_ab, ab_ac, ac_n, bc; };  // corner a, edges ab, ac, normal n, edge bc, in sequence
 struct ExactPoint { double x, y, z; uint order, unused; };
 struct Eye { double x, y, z, unused; vec4 scaled; };
 
 layout(std430, binding = 0) readonly buffer Faces { Face faces[]; };
 layout(std430, binding = 1) readonly buffer Corners { double corners[]; };
 layout(std430, binding = 2) readonly buffer Boxes { vec4 boxes[]; };            // centre, half size
-layout(std430, binding = 3) readonly buffer Points { uvec4 points[]; };         // from the packet's centre; own face
+layout(std430, binding = 3) readonly buffer Points { uvec4 points[]; };         // offset from the packet's centre; own face
 layout(std430, binding = 4) readonly buffer ExactPoints { ExactPoint exact_points[]; };
 layout(std430, binding = 5) readonly buffer Packets { vec4 packets[]; };        // centre and radius, half size
 layout(std430, binding = 6) readonly buffer Eyes { Eye eyes[]; };
@@ -55,24 +55,24 @@ uniform uint first_face, n_faces, n_levels, level_start[$MAX_LEVELS], level_size
 uniform float contact;                   // in the mesh's unit
 uniform double contact64;                // in world units
 
-shared uint extent[5];                   // of the packet as the eye sees it; ordered like floats
+shared uint extent[5];                   // bounds of the packet on its screen, in integers ordered like floats
 shared uint stack[$STACK], n_pushed[2];
 shared uint clusters[CLUSTERS + OPENED * WIDTH], n_clusters;
-shared vec4 planes[(TRIANGLES + THREADS) * 4u];  // u, v, w: edges seen from the eye; s: the face's own
+shared vec4 planes[(TRIANGLES + THREADS) * 4u];  // u, v, w: through eye and edges; s: the face's plane
 shared float contact_slope[TRIANGLES + THREADS];
 shared uint triangle[TRIANGLES + THREADS], n_triangles;
-shared uint hidden_of[COLUMNS];          // bits of each column's points
+shared uint hidden_of[COLUMNS];          // hidden points of each column
 shared uint any_alive, over_budget;
 
 #include "blocks64.glsl"
 
-// the packet, its eye, and its screen: origin at its centre, z towards the eye
+// the packet, the eye, and the packet's screen: origin at its centre, z towards the eye
 vec3 centre, half_size, towards_g, x_axis, y_axis, z_axis;
 float radius, g, distance_g, nearest_g, size_g;
 vec4 eye_g;
 bool near, trusted, depth_trusted;
 
-// the shaft: four planes through the footprint's sides and the eye (parallel where the eye is too near), z from to
+// the shaft: four planes through the footprint's sides and the eye (parallel if the eye is too near), and bounds of z
 vec3 side[4], corner[4];
 vec4 beyond;
 float low_z, high_z;
@@ -101,26 +101,26 @@ uint blocked64(uint face, uint point, uint eye)
 
 bool meets_shaft(uint box)
 {
-    vec3 at = boxes[2u * box].xyz - centre, reach = boxes[2u * box + 1u].xyz;
+    vec3 at = boxes[2u * box].xyz - centre, half_box = boxes[2u * box + 1u].xyz;
     vec4 inward = vec4(dot(side[0], at), dot(side[1], at), dot(side[2], at), dot(side[3], at))
-        - vec4(dot(abs(side[0]), reach), dot(abs(side[1]), reach), dot(abs(side[2]), reach), dot(abs(side[3]), reach));
-    float z = dot(z_axis, at), z_reach = dot(abs(z_axis), reach);
+        - vec4(dot(abs(side[0]), half_box), dot(abs(side[1]), half_box), dot(abs(side[2]), half_box), dot(abs(side[3]), half_box));
+    float z = dot(z_axis, at), z_reach = dot(abs(z_axis), half_box);
     bool misses = any(greaterThan(inward, beyond)) || z + z_reach < low_z || z - z_reach > high_z;
     return !(misses && trusted);
 }
 
-// Smallest and largest value of a plane over the packet: at its footprint's corners (in the cone of the shaft all rays
-// have the sign of one of them), or over its bounding sphere where the eye is too near for a cone.
+// Return the smallest and largest value of a plane over the packet: at its footprint's corners (every ray in the shaft
+// has the sign of one of them), or over its bounding sphere if the eye is too near for a cone.
 vec2 range_of(vec4 plane)
 {
     vec4 at = vec4(dot(plane.xyz, corner[0]), dot(plane.xyz, corner[1]),
                    dot(plane.xyz, corner[2]), dot(plane.xyz, corner[3]));
-    float reach = length(plane.xyz) * radius;
+    float spread = length(plane.xyz) * radius;
     vec2 range = vec2(min(min(at.x, at.y), min(at.z, at.w)), max(max(at.x, at.y), max(at.z, at.w)));
-    return (near ? vec2(-reach, reach) : range) + plane.w;
+    return (near ? vec2(-spread, spread) : range) + plane.w;
 }
 
-// List a triangle for the points to test, unless it hides none of them for certain.
+// List a triangle for the points to test, unless it certainly hides none of them.
 void list_triangle(uint face)
 {
     Face f = faces[face];
@@ -128,7 +128,7 @@ void list_triangle(uint face)
     vec3 a_g = a * g - eye_g.xyz, b_g = a_g + ab * g;
     vec3 from_a = centre - a, from_b = from_a - ab;
     float reach_a = length(from_a) + radius, reach_b = length(from_b) + radius;
-    // one over each plane's error bound; docs/error_bounds.md derives the numbers
+    // inverse of each plane's error bound; docs/error_bounds.md derives the numbers
     float unit = EPSILON * size_g;
     float per_u = 1.0 / max(unit * length(bc) * (4.0 + 26.0 * reach_b), TINY);
     float per_v = 1.0 / max(unit * length(ac) * (4.0 + 26.0 * reach_a), TINY);
@@ -137,14 +137,14 @@ void list_triangle(uint face)
     float size_n = max(length(n), TINY);
     float per_s = 0.5 / (EPSILON * size_n * (0.5 + 6.0 * reach_a + contact * steep * (11.0 + 6.0 * steep)));
 
-    // a point is hidden only where u, v, w all have the sign that tells on which side of the face the eye is
+    // a point can be hidden only if u, v and w have the sign of the eye's side of the face
     float eye_side_g = -dot(n, a_g);
     bool certain = abs(eye_side_g) > 16.0 * unit * size_n;
     float sigma = eye_side_g > 0.0 ? -1.0 : 1.0;
     vec3 nu = cross(b_g, bc) * (sigma * per_u), nv = cross(ac, a_g) * (sigma * per_v), nw = cross(a_g, ab) * (sigma * per_w);
     vec4 u = vec4(nu, dot(nu, from_b)), v = vec4(nv, dot(nv, from_a)), w = vec4(nw, dot(nw, from_a));
     float use_depth = certain && depth_trusted ? sigma * per_s : 0.0;
-    // selects, not products with 0: those of overflowed numbers would be NaN, of which min() and max() may make anything
+    // conditionals, not products with 0: a product with an overflowed number would be NaN
     vec4 s = use_depth != 0.0 ? vec4(n, dot(n, from_a)) * use_depth : vec4(0.0);
     float slope = use_depth != 0.0 ? contact * eye_side_g * use_depth : 0.0;
     vec2 range_u = range_of(u), range_v = range_of(v), range_w = range_of(w);
@@ -154,7 +154,7 @@ void list_triangle(uint face)
     float deepest = s.w + dot(abs(s.xyz), half_size) + (depth_trusted ? slope / (distance_g + radius * g) : 0.0);
     if (trusted && (!(may || may_mirrored) || deepest < -1.0)) return;
 
-    bool keep = trusted && certain;  // planes of nothing but zeros leave every point in doubt
+    bool keep = trusted && certain;  // planes of zeros leave every point in doubt
     uint slot = atomicAdd(n_triangles, 1u);
     planes[4u * slot] = keep ? u : vec4(0.0);
     planes[4u * slot + 1u] = keep ? v : vec4(0.0);
@@ -168,13 +168,13 @@ void main()
 {
     uint lane = gl_LocalInvocationID.x, column = lane % COLUMNS, strand = lane / COLUMNS;
     uint packet, eye_row, root = 0u;
-    bool alive = true;                   // some point of the packet may still be visible
+    bool alive = true;                   // a point of the packet may still be visible
     if (n_tasks == 0u) {
         packet = gl_WorkGroupID.x;
         eye_row = gl_WorkGroupID.y;
     } else {
         uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-        alive = index < n_tasks;         // the last row of groups may be longer than the list
+        alive = index < n_tasks;         // the last row of groups may extend beyond the list
         uvec2 task = tasks[min(index, n_tasks - 1u)];
         packet = task.x % n_packets;
         eye_row = task.x / n_packets;
@@ -192,7 +192,7 @@ void main()
     distance_g = length(towards_g);
     nearest_g = distance_g - radius * g;
     depth_trusted = trusted && nearest_g > 4.0 * contact * g;
-    size_g = length(eye_g.xyz) + g;      // bounds |corner - eye| g, and what it is the difference of
+    size_g = length(eye_g.xyz) + g;      // bounds |corner - eye| g, and its operands
     z_axis = distance_g > 0.0 ? towards_g / distance_g : vec3(0.0, 0.0, 1.0);
     x_axis = normalize(abs(z_axis.x) < 0.5 ? vec3(0.0, -z_axis.z, z_axis.y) : vec3(-z_axis.z, 0.0, z_axis.x));
     y_axis = cross(z_axis, x_axis);
@@ -211,7 +211,7 @@ void main()
     if (strand == 0u) hidden_of[column] = 0u;
     barrier();
 
-    // this thread's points: places column + i COLUMNS of the packet
+    // this thread's points: points column + i COLUMNS of the packet
     vec3 p[PER_THREAD];
     float inverse_g[PER_THREAD];
     uint own[PER_THREAD];
@@ -250,13 +250,13 @@ void main()
     beyond += slack;
 
     const uint ALL = (1u << PER_THREAD) - 1u;
-    uint hidden = 0u, undecided = 0u;    // one bit for each of this thread's points
-    uint steps = 0u, doubted = 0u;       // taken by the group; by this thread in float64
+    uint hidden = 0u, undecided = 0u;    // one bit per point of this thread
+    uint steps = 0u, doubted = 0u;       // steps of the group; float64 tests of this thread
     uint n_boxes = 0u, n_looked = 0u, n_tested = 0u;
     uint first = 0u, turn = 0u;
     bool finished = false;
     while (alive && !finished && steps < BUDGET) {
-        // boxes: open some at once, keep the children that the shaft meets
+        // boxes: open some at a time, keep the children that meet the shaft
         while (steps < BUDGET) {
             barrier();
             uint have = first + n_pushed[turn];
@@ -281,7 +281,7 @@ void main()
             ++steps;
             n_boxes += n_opened * WIDTH;
         }
-        // triangles of the clusters listed: keep those that may hide a point of the packet; then the points test them
+        // triangles of the listed clusters: keep those that may hide a point of the packet; then the points test them
         uint todo = n_clusters * LEAF;
         barrier();
         uint base = 0u;
@@ -311,7 +311,7 @@ void main()
                                           min(dot(w.xyz, p[q]) + w.w, dot(s.xyz, p[q]) + s.w + slope * inverse_g[q]));
                         uint bit = face != own[q] ? 1u << q : 0u;
                         if (least > 1.0) hidden |= bit;
-                        else if (!(least < -1.0)) doubts |= bit;  // so written that NaN is a doubt
+                        else if (!(least < -1.0)) doubts |= bit;  // NaN counts as a doubt
                     }
                     doubts &= ~hidden;
                     j += STRANDS;

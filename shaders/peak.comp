@@ -1,4 +1,4 @@
-// Fused multiply-adds and little else: what a context's arithmetic can do at most (benchmarks/gpu.py).
+// Measures peak arithmetic throughput by fused multiply-adds (benchmarks/gpu.py).
 #version 430
 layout(local_size_x = 64) in;
 layout(std430, binding = 0) writeonly buffer Results { vec4 results[]; };

@@ -1,4 +1,4 @@
-// Copies one buffer to another: what a context's memory can do at most (benchmarks/gpu.py).
+// Measures peak memory bandwidth by copying one buffer to another (benchmarks/gpu.py).
 #version 430
 layout(local_size_x = 64) in;
 layout(std430, binding = 0) readonly buffer From { vec4 from[]; };

@@ -1,12 +1,12 @@
-// Decides the pairs of eye and point on which the pixels around did not agree. A witness is a face that really crosses
-// the line of sight; candidates are the faces seen in the 6 x 6 pixels around. Without one, the votes of the four nearest
-// pixels are weighed by their nearness, unless one of them sees the point's own face.
-// Twin: tests/visibility/witness_twin.py.
+// Decides the pairs of eye and point on which the four pixels did not agree. A witness is a face that crosses the line
+// of sight; candidates are the faces in the 6 x 6 pixels around the point. Without a witness, a point whose own face is
+// in one of the four nearest pixels is visible; otherwise their votes are weighted by nearness.
+// The NumPy equivalent is tests/visibility/witness_twin.py.
 #version 430
 layout(local_size_x = 64) in;
 
-uniform int first_word;  // of this batch's answers
-uniform int n_words;     // of a group of 8 eyes
+uniform int first_word;  // first word of this batch's answers
+uniform int n_words;     // words of a group of 8 eyes
 uniform float contact;   // unit space
 
 #include "tiles.glsl"
@@ -15,19 +15,19 @@ uniform float contact;   // unit space
 
 layout(std430, binding = 2) readonly buffer Count { uint count; };
 layout(std430, binding = 3) readonly buffer Doubtful { uint doubtful[]; };
-layout(std430, binding = 4) readonly buffer Corners { vec4 corners[]; };  // of the faces drawn, 3 each
+layout(std430, binding = 4) readonly buffer Corners { vec4 corners[]; };  // 3 corners per face, in drawing order
 layout(binding = 1) uniform isampler2D faces;
 
-const float MOST_HIDDEN = $MOST_HIDDEN;  // of the weighed votes, for a point that is visible
+const float MAX_HIDDEN = $MAX_HIDDEN;  // maximum share of the weighted votes for "hidden" of a visible point
 
-// The exact negative of cross_product(b, a): two faces that share an edge then agree on which side of it a line passes.
+// Cross product, the exact negative of cross_product(b, a), so that two faces agree on the side of a shared edge.
 vec3 cross_product(vec3 a, vec3 b)
 {
     precise vec3 n = vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
     return n;
 }
 
-// Whether a face blocks the line of sight d from a point: the definition of predicates.py in float32.
+// Return whether a face blocks the line of sight d from a point: the definition of predicates.py in float32.
 bool blocks(int face, vec3 point, vec3 d)
 {
     vec3 a = corners[3 * face].xyz - point, b = corners[3 * face + 1].xyz - point, c = corners[3 * face + 2].xyz - point;
@@ -38,7 +38,7 @@ bool blocks(int face, vec3 point, vec3 d)
     return inside && slope != 0.0 && fraction * length(d) > contact && fraction < 1.0;
 }
 
-// Whether a face is a point's own. A free point has none; faces whose planes it touches are taken for it.
+// Return whether a face is a point's own. For a free point these are the faces with a plane that it touches.
 bool is_own(int face, Point point)
 {
     if (face < 0 || point.own >= 0) return face >= 0 && face == point.own;
@@ -47,8 +47,8 @@ bool is_own(int face, Point point)
     return abs(dot(a - point.position, n)) <= contact * length(n);
 }
 
-// Four bits, of the faces in a block of 2 x 2 pixels (textureGather's order) that are candidates, and that no pixel to
-// the left of theirs or below it has shown.
+// Return a mask of the faces in a block of 2 x 2 pixels (textureGather's order) that are candidates and differ from the
+// faces in the pixels to the left and below.
 uint candidates_in(ivec4 block, ivec4 left, ivec4 below, int own)
 {
     bvec4 beside = equal(block, ivec4(left.y, block.x, block.w, left.z));
@@ -59,8 +59,8 @@ uint candidates_in(ivec4 block, ivec4 left, ivec4 below, int own)
     return found;
 }
 
-// Whether a face seen in the 6 x 6 pixels around blocks the line of sight d; the faces in their middle are `nearest`.
-// Three rows of three blocks: software rasterisers gather four pixels in much less than four fetches.
+// Return whether a face in the 6 x 6 pixels around a point blocks the line of sight d; `nearest` receives the faces in
+// the middle. The pixels are read in blocks of 2 x 2: gathering four is much faster than four fetches in software.
 bool has_witness(vec2 low, Point point, vec3 d, out ivec4 nearest)
 {
     ivec4 row[3] = ivec4[3](ivec4(-1), ivec4(-1), ivec4(-1));
@@ -86,17 +86,17 @@ bool has_witness(vec2 low, Point point, vec3 d, out ivec4 nearest)
 bool hidden(int eye, Point point)
 {
     int tile = tile_of(eye, point.position);
-    Place place = place_of(tile, point);
-    vec2 low = floor(place.pixel - 0.5);
+    WindowPoint projected = project(tile, point);
+    vec2 low = floor(projected.pixel - 0.5);
     ivec4 nearest;
     if (has_witness(low, point, tiles[tile].eye.xyz - point.position, nearest)) return true;
     for (int i = 0; i < 4; i++)
         if (is_own(nearest[i], point)) return false;
-    vec2 high = place.pixel - 0.5 - low, rest = 1.0 - high;
-    uint votes = votes_of(place, low);  // upper left, upper right, lower right, lower left
-    float weighed = rest.x * high.y * float(votes & 1u) + high.x * high.y * float(votes >> 1 & 1u)
-                  + high.x * rest.y * float(votes >> 2 & 1u) + rest.x * rest.y * float(votes >> 3 & 1u);
-    return weighed > MOST_HIDDEN;
+    vec2 high = projected.pixel - 0.5 - low, rest = 1.0 - high;
+    uint votes = votes_of(projected, low);  // upper left, upper right, lower right, lower left
+    float weighted = rest.x * high.y * float(votes & 1u) + high.x * high.y * float(votes >> 1 & 1u)
+                   + high.x * rest.y * float(votes >> 2 & 1u) + rest.x * rest.y * float(votes >> 3 & 1u);
+    return weighted > MAX_HIDDEN;
 }
 
 void main()
@@ -106,7 +106,7 @@ void main()
         uint slot = doubtful[i] & 0xFFFFFu;
         int eye = int(doubtful[i] >> 20);
         if (hidden(eye, point_at(slot))) continue;
-        // where ask_all.glsl put the answer of this pair
+        // the bit of this pair's answer in ask_all.glsl
         uint word = (slot >> 8) * 64u + (slot & 63u), bit = (slot >> 6 & 3u) * 8u + uint(eye & 7);
         atomicOr(answers[uint(first_word) + uint(eye >> 3) * uint(n_words) + word], 1u << bit);
     }

@@ -5,7 +5,7 @@
 
     mesh -> surface points -> views -> visibility mask -> occluded cloud -> dataset
 
-Importing this package touches no GPU and imports no dependency at all: each name is loaded when it is first used.
+Importing this package opens no GPU and imports no dependency: each name is loaded when it is first used.
 """
 
 import importlib
@@ -15,7 +15,7 @@ from zbuf_occlude import interrupts
 
 interrupts.end_quietly()
 
-if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
+if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is first used
     from zbuf_occlude import scenes, sensors, views
     from zbuf_occlude.compare.scan_comparison import compare_scans
     from zbuf_occlude.errors import (
@@ -102,12 +102,12 @@ _HOMES = {
     "visible_space": ("blockers", "occlusion_graph", "visibility_grid"),
     "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
 }
-"""Module to the names that it gives; modules of `__all__` give themselves."""
+"""Public names by module; modules in `__all__` are not listed."""
 
 
 def __getattr__(name: str) -> typing.Any:
-    """Load a public name when it is first asked for."""
-    if name == "torch":  # not in `__all__`: it needs an extra
+    """Load a public name when it is first used."""
+    if name == "torch":  # not in `__all__`, because it needs an extra
         return importlib.import_module(f"{__name__}.dataset.torch")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Entry point of ``zbuf-occlude`` and ``python -m zbuf_occlude``: the only place that turns errors into exit codes."""
+"""Entry point of ``zbuf-occlude`` and ``python -m zbuf_occlude``, which turns errors into exit codes."""
 
 import gc
 import io
@@ -19,17 +19,17 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
-    gc.set_threshold(100_000, 20, 100)  # a quarter of the time in which 100,000 meshes are planned: all objects stay
+    gc.set_threshold(100_000, 20, 100)  # rare collections save a quarter of the time to plan 100,000 meshes
     _open_closed_streams()
-    # children (workers, probes) import from where Python's packages are, never from whatever folder a person is in
+    # child processes (workers, probes) must not import modules from the current folder
     os.environ["PYTHONSAFEPATH"] = "1"
-    # a worker that had to be killed leaves a semaphore of numba's, of which Python's tracker would warn at the very end
+    # a killed worker leaves a semaphore of numba's, about which Python's resource tracker would warn at exit
     warnings = [os.environ.get("PYTHONWARNINGS", ""), "ignore::UserWarning:multiprocessing.resource_tracker"]
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
-    # threads of NumPy's OpenBLAS, which nothing here has work for, would turn idly for a tenth of a second
+    # idle threads of NumPy's OpenBLAS would spin for a tenth of a second
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
+        if isinstance(stream, io.TextIOWrapper):  # file names may be in no valid encoding
             stream.reconfigure(errors="backslashreplace")
     try:
         interrupts.install_signal_handlers()
@@ -53,27 +53,27 @@ def main() -> None:
         echo(f"error: this {reason(package, error)}", err=True)
         code = FAILED
     except MemoryError as error:
-        said = f"{memory_allowed()}; it does not{f' ({error})' if str(error) else ''}"
-        echo(f"error: it must fit in {said}. Ask for less: points, views, size.", err=True)
+        detail = f" ({error})" if str(error) else ""
+        echo(f"error: out of memory; the limit is {memory_allowed()}{detail}. Reduce points, views or size.", err=True)
         code = FAILED
-    except BrokenPipeError:  # the reader of our standard output went away
+    except BrokenPipeError:  # the reader of standard output closed it
         sys.stderr.close()
         code = FAILED
-    except OSError as error:  # a full disk, a folder that must not be written
+    except OSError as error:  # such as a full disk, or a read-only folder
         echo(f"error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", err=True)
         code = FAILED
-    if "torch" not in sys.modules:  # Triton counts what of it is left at the end, and says so at length
-        gc.freeze()  # at the end nothing is looked through for what nobody needs, a tenth of a second
+    if "torch" not in sys.modules:  # Triton reports objects that are left at exit
+        gc.freeze()  # skip the final garbage collection, a tenth of a second
     sys.exit(code if isinstance(code, int) else 0)
 
 
 def _open_closed_streams() -> None:
-    """Have standard streams that the caller closed lead nowhere; else the next file opened would be taken for one."""
+    """Open standard streams that the caller closed on the null device; else the next open file would become one."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number: this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number, which is this one
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 

@@ -1,4 +1,4 @@
-"""Checks of arrays, numbers and flags at the public border; everything inside may trust what it is given."""
+"""Checks of arrays, numbers and flags at the public interface; internal code relies on them."""
 
 import math
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from zbuf_occlude.errors import ArgumentError, shown
 from zbuf_occlude.jit.compiler import njit
 
 LARGEST = 1e70
-"""Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
+"""Largest absolute coordinate: the fourth power of longer lengths (areas squared) would overflow."""
 
 SHORTEST = 1e-20
-"""Directions shorter than this, and as much longer ones, would lose digits or overflow in products."""
+"""Shortest direction with a safe norm, its inverse the longest: others would underflow or overflow in products."""
 
 _SHORTEST_BITS, _LONGEST_BITS = (int(bits) for bits in np.array([SHORTEST, 1.0 / SHORTEST]).view(np.int64))
 
@@ -24,8 +24,13 @@ IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
 
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) scaled to length 1; zero vectors stay zero."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), np.finfo(np.float64).tiny))
+
+
 def shape_and_dtype(values: Any) -> str:
-    """Describe what should be an array, e.g. ``(3, 100) float32``."""
+    """Return shape and dtype of array-like values, e.g. ``(3, 100) float32``."""
     try:
         array = np.asarray(values)
     except ValueError:
@@ -34,7 +39,7 @@ def shape_and_dtype(values: Any) -> str:
 
 
 def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one array.") -> NDArray[Any]:
-    """Return values as an array of whatever shape and type; raise ArgumentError for rows of unequal length."""
+    """Return values as an array of any shape and type; raise ArgumentError for rows of unequal length."""
     try:
         return np.asarray(values)
     except ValueError:
@@ -42,7 +47,7 @@ def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one ar
 
 
 def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:
-    """Return values as float64; raise ArgumentError unless they are numbers in an array of that shape."""
+    """Return values as float64; raise ArgumentError unless they are numbers in an array of the given shape."""
     array = as_array(values, name, str(shape or "a number"), hint.strip() or "Pass one array.")
     if array.dtype.kind not in "fiu" or array.shape != shape:
         raise ArgumentError(f"{name} must be {shape or 'a number'}; got {shape_and_dtype(values)}.{hint}")
@@ -55,11 +60,11 @@ def as_number(value: Any, name: str, want: str, fits: Callable[[float], bool] = 
     Parameters
     ----------
     value : real number
-        A bool is none, nor is a text.
+        Neither a bool nor a str.
     name, want : str
-        What the caller calls it, and what it must be: "{name} must be {want}; got ...".
+        Parts of the message: "{name} must be {want}; got ...".
     fits : callable
-        Whether a finite number is what is wanted.
+        Predicate on a finite number.
     """
     try:
         number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
@@ -71,7 +76,7 @@ def as_number(value: Any, name: str, want: str, fits: Callable[[float], bool] = 
 
 
 def as_flag(value: Any, name: str) -> bool:
-    """Return a bool; raise ArgumentError for what is none, such as the word "no", which is true."""
+    """Return a bool; raise ArgumentError for other values, such as the str "no", which is true."""
     if not isinstance(value, bool | np.bool_):
         raise ArgumentError(f"{name} must be True or False; got {shown(value)}.")
     return bool(value)
@@ -84,11 +89,11 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     ----------
     values : array_like, (n, 3), any real dtype
     name : str
-        What the caller calls it; opens the error message.
+        Name of the argument, which starts the error message.
 
     Returns
     -------
-    (n, 3) float64, C-contiguous, all finite. The input itself when it already is that.
+    (n, 3) float64, C-contiguous, all finite. The input itself if it already is such an array.
 
     Raises
     ------
@@ -104,12 +109,12 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
 
 
 def as_vector(values: ArrayLike, name: str) -> FloatArray:
-    """Return one vector (3,), checked as `as_vectors` does it."""
+    """Return one vector (3,), checked as by `as_vectors`."""
     return as_vectors(as_array(values, name, "(3,) float")[None], name)[0]
 
 
 def as_triples(values: ArrayLike, name: str) -> FloatArray:
-    """Check the shape and type as `as_vectors` does, but not the numbers."""
+    """Check the shape and type as `as_vectors`, but not the numbers."""
     array = as_array(values, name, "(n, 3) float")
     if array.dtype.kind not in "fiu":
         raise ArgumentError(f"{name} must be (n, 3) float; got {shape_and_dtype(array)}. Convert it to numbers.")
@@ -125,13 +130,13 @@ def as_triples(values: ArrayLike, name: str) -> FloatArray:
 
 @njit(cache=True)
 def have_safe_norms(bits: NDArray[np.int64]) -> bool:
-    """Return whether n directions are all of usual length: the largest component from `SHORTEST` to 1 / that.
+    """Return whether the norms of n directions are safe: the largest component is within `SHORTEST` and its inverse.
 
     Parameters
     ----------
     bits : (3 n,) int64
-        The bits of float64, which without their sign are in the order of the sizes: so several are compared at a time,
-        and what is not a number is larger than any.
+        Bit patterns of the float64. Without their sign they are ordered as the absolute values, with NaN above all
+        numbers, and their comparison vectorises.
     """
     size = np.int64(2**63 - 1)
     least, largest = size, np.int64(0)
@@ -143,17 +148,17 @@ def have_safe_norms(bits: NDArray[np.int64]) -> bool:
 
 
 def rescale_directions(directions: FloatArray) -> FloatArray:
-    """Return the same directions, shortened or lengthened by powers of two where not all are of usual length.
+    """Return directions scaled by powers of two, which is exact, unless all have safe norms.
 
     Parameters
     ----------
     directions : (n, 3) float64, C-contiguous
-        Where all are of usual length they are returned themselves. Powers of two round nothing.
+        Returned themselves if all have safe norms.
 
     Raises
     ------
     ArgumentError
-        One is zero, not finite, or too large.
+        A direction is zero, not finite, or too large.
     """
     if have_safe_norms(directions.reshape(-1).view(np.int64)):
         return directions
@@ -174,7 +179,7 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
     upper : int
         One past the largest index allowed.
     lowest : int
-        The smallest index allowed; -1 where -1 means "none".
+        The smallest index allowed; -1 if -1 stands for none.
 
     Returns
     -------
@@ -201,7 +206,7 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
 
 
 def readonly_copy(array: NDArray[Any]) -> Any:
-    """Return a read-only copy, so that neither the caller nor we can change what was checked."""
+    """Return a read-only copy, so that checked values cannot change."""
     return set_readonly(array.copy())
 
 
@@ -212,9 +217,9 @@ def set_readonly(array: NDArray[Any]) -> Any:
 
 
 class ReadOnlyArrays:
-    """Base of values with read-only arrays: they are that in another process too.
+    """Base class of objects whose arrays stay read-only when they are unpickled.
 
-    A pickle forgets it, and for writable arrays numba compiles every kernel a second time.
+    Unpickled arrays are writable, for which numba would compile every kernel a second time.
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Documents that users write: YAML, JSON and CSV, read within bounds, and the numbers, words and flags in them."""
+"""Documents of users, YAML, JSON and CSV, read within size limits; parsers of their numbers, words and flags."""
 
 import csv
 import io
@@ -18,31 +18,31 @@ from zbuf_occlude.errors import OptionError, describe, escape_control
 
 MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
-"""Of a document. More would take a gigabyte or, of YAML, seconds."""
-LONGEST_LINE = 1000
-"""Characters of a name, a source, a path."""
+"""Limits of a document. Larger ones would take a gigabyte or, for YAML, seconds."""
+MAX_LINE_LENGTH = 1000
+"""Maximum characters of a name, a source, a path."""
 
 
 class Columns(dict[str, list[str]]):
-    """Columns of a CSV by name, and the line of the file, from 1, in which each row ends."""
+    """Columns of a CSV file by name, and the last line of each row in the file, from 1."""
 
     lines: list[int]
 
 
 @dataclass(frozen=True)
 class Number:
-    """What a number of a document, or an array of numbers, may be.
+    """Constraints on a number, or an array of numbers, in a document.
 
     Parameters
     ----------
     low, high : float
-        Bounds of each number, themselves allowed. Without them it must be finite.
+        Inclusive bounds of each number. By default it must be finite.
     unit : str
     shapes : tuple of shapes
-        Those allowed; () is one number, -1 any length. Rows may be written one after the other where a shape is fixed.
+        Allowed shapes; () is one number, -1 any length. An array of fixed shape may be written flat.
     whole : bool
     least : float
-        How far from 0 a number must be that is not 0.
+        Smallest absolute value of a number that is not 0.
     """
 
     low: float = -LARGEST
@@ -53,14 +53,15 @@ class Number:
     least: float = 0.0
 
     def read(self, name: str, value: Any) -> Any:
-        """Return a value as an int or a float, several as (nested) lists.
+        """Return a value as an int or a float, an array as (nested) lists.
 
-        A word that is a number is one (``1e5`` is a word in YAML, as is all in CSV); a bool is none.
+        A str that spells a number counts as the number (``1e5`` is a str in YAML, as is every value of CSV). A bool is
+        not a number.
 
         Raises
         ------
         OptionError
-            It is none, of another shape, or out of bounds; `name` opens the message.
+            It is not a number, of another shape, or out of bounds; `name` starts the message.
         """
         try:
             array = np.asarray(_floats(value, depth=3), dtype=np.float64)
@@ -69,7 +70,7 @@ class Number:
             wrong = ~right | (self.whole & (array != np.rint(array)))
             if wrong.any():
                 raise _NoNumberError(array[wrong][0].item())
-        except (ValueError, StopIteration) as error:  # no number, rows of unequal length, no such shape
+        except (ValueError, StopIteration) as error:  # not a number, rows of unequal length, another shape
             culprit = error.args[0] if isinstance(error, _NoNumberError) else value
             raise OptionError(f"{name} must be {self}; got {reprlib.repr(culprit)}.") from None
         return (array.astype(np.int64) if self.whole else array).tolist()
@@ -84,14 +85,14 @@ class Number:
 
 
 def parse_line(name: str, value: Any) -> str:
-    """Return a value that is one line of text; raise OptionError where it is none."""
-    if not isinstance(value, str) or escape_control(value) != value or len(value) > LONGEST_LINE:
-        raise OptionError(f"{name} must be one line of at most {LONGEST_LINE} characters; got {reprlib.repr(value)}.")
+    """Return a value that is one line of text; raise OptionError if it is not."""
+    if not isinstance(value, str) or escape_control(value) != value or len(value) > MAX_LINE_LENGTH:
+        raise OptionError(f"{name} must be a line of at most {MAX_LINE_LENGTH} characters; got {reprlib.repr(value)}.")
     return value
 
 
 def parse_bool(name: str, value: Any) -> bool:
-    """Return a bool, or one of the words true and false as one; raise OptionError for anything else."""
+    """Return a bool, or the bool that the word true or false spells; raise OptionError for anything else."""
     found = {"true": True, "false": False}.get(str(value).lower())
     if found is None:
         raise OptionError(f"{name} must be true or false; got {reprlib.repr(value)}.")
@@ -99,7 +100,7 @@ def parse_bool(name: str, value: Any) -> bool:
 
 
 def read_limited(path: Path) -> bytes:
-    """Return the content of a document; raise OptionError where there is none, or too much."""
+    """Return the content of a document; raise OptionError if it cannot be read or is too large."""
     most = max(MOST_BYTES.values())
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe may never end
@@ -114,20 +115,20 @@ def read_limited(path: Path) -> bytes:
 
 
 def parse_document(form: str, data: bytes, name: str | Path) -> Any:
-    """Return what a document says.
+    """Return the parsed content of a document.
 
     Parameters
     ----------
     form : {"JSON", "YAML", "CSV"}
-        Of YAML all scalars are words; of CSV the columns, lists of words, by the names in its first row, in lower case.
+        All scalars of YAML are str. CSV gives its columns, lists of str, by the names in its first row, in lower case.
     data : bytes
     name : str or Path
-        Of the document, for messages.
+        Name of the document in messages.
 
     Raises
     ------
     OptionError
-        It is not of this form, or too large.
+        The document is not of this form, or too large.
     """
     parsers: dict[str, Callable[[bytes], Any]] = {"JSON": _json, "YAML": _yaml, "CSV": _csv}
     said = f"{escape_control(str(name))} must be {form}"
@@ -135,17 +136,17 @@ def parse_document(form: str, data: bytes, name: str | Path) -> Any:
         raise OptionError(f"{said} of at most {MOST_BYTES[form]:,} bytes; it has more. Split it.")
     try:
         return parsers[form](data)
-    except Exception as error:  # what parsers raise on damaged text is not ours to list
+    except Exception as error:  # parsers may raise any exception on damaged text
         reason = " ".join(str(error).split()) or type(error).__name__
         raise OptionError(f"{said}; it cannot be read: {reason:.200}.") from None
 
 
 def _yaml(data: bytes) -> Any:
-    import yaml  # late: few bring a file
+    import yaml  # late: few runs read YAML
 
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data, loader)):
-        raise ValueError("aliases (*name) are not read, for they multiply; write out what they stand for")
+        raise ValueError("aliases (*name) are not supported, because they can expand to any size; write them out")
 
     def construct_mapping(self: Any, node: Any, deep: bool = False) -> Any:
         _check_distinct([key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)])
@@ -166,7 +167,7 @@ def _json(data: bytes) -> Any:
 
 def _csv(data: bytes) -> Columns:
     text = io.StringIO(data.decode("utf-8-sig"), newline=None)
-    if next(filter(str.strip, text), "").count(",") >= MOST_COLUMNS:  # before the words are told apart
+    if next(filter(str.strip, text), "").count(",") >= MOST_COLUMNS:  # before parsing
         raise ValueError(f"it must have at most {MOST_COLUMNS:,} columns")
     text.seek(0)
     reader = csv.reader(text, skipinitialspace=True)
@@ -185,14 +186,14 @@ def _csv(data: bytes) -> Columns:
 
 
 def _check_distinct(names: Sequence[str]) -> None:
-    """Raise ValueError where a name is there twice: one of its values would be lost."""
+    """Raise ValueError if a name occurs twice: one of its values would be lost."""
     for name, times in Counter(names).items():
         if times > 1:
-            raise ValueError(f"{escape_control(name):.80} is there {times} times; leave one")
+            raise ValueError(f"{escape_control(name):.80} occurs {times} times; keep one")
 
 
 class _NoNumberError(ValueError):
-    """Its argument is no number."""
+    """Error of a value that is not a number; the value is its argument."""
 
 
 def _floats(value: Any, depth: int) -> Any:

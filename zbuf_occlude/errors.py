@@ -1,6 +1,6 @@
-"""The exceptions of zbuf_occlude, one tree under OccludeError, each also a standard exception; checks of options.
+"""Exceptions of zbuf_occlude, all under OccludeError and each also a standard exception; checks of options.
 
-Every message has the same form: what must be; what it is; what to do.
+Messages about arguments name the requirement, the given value and the remedy. Other messages state the problem.
 """
 
 import re
@@ -14,9 +14,9 @@ _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 def escape_control(text: str) -> str:
-    """Return a text with what would break a line or command a terminal written as in Python, ``\\n``, ``\\x1b``.
+    """Return a text with control characters and line breaks escaped as in Python, ``\\n``, ``\\x1b``.
 
-    So are bytes of file names that are not UTF-8, which Python holds as lone surrogates: ``\\xff``.
+    Bytes of file names that are not UTF-8, which Python holds as lone surrogates, are escaped too: ``\\xff``.
     """
     return _NOT_PRINTABLE.sub(_escaped, text)
 
@@ -29,7 +29,7 @@ def _escaped(match: re.Match[str]) -> str:
 
 
 class OccludeError(Exception):
-    """Base of everything this package raises on purpose; names in its message are made printable, lines kept."""
+    """Base of all exceptions of this package; control characters in its message are escaped, but not line breaks."""
 
     def __init__(self, *arguments: object) -> None:
         said = ("\n".join(map(escape_control, a.split("\n"))) if isinstance(a, str) else a for a in arguments)
@@ -49,49 +49,49 @@ class OptionError(OccludeError, ValueError):
 
 
 class UnavailableError(OccludeError, RuntimeError):
-    """Something named correctly cannot run here: a package, a library or a driver is missing."""
+    """A method or feature cannot run here: a package, a library or a driver is missing."""
 
 
 class GlError(OccludeError, RuntimeError):
-    """No OpenGL context could be made, or OpenGL reported an error."""
+    """No OpenGL context could be opened, or OpenGL reported an error."""
 
 
 class DatasetError(OccludeError, RuntimeError):
-    """A dataset folder or file is not what it should be."""
+    """A dataset folder or file is missing, damaged or of another kind."""
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message shows it: in one line, of some sixty characters at most."""
+    """Return a value for a message: one line of at most sixty characters."""
     try:
         return escape_control(" ".join(reprlib.repr(value).split()))[:60]
-    except Exception:  # of whatever is passed in, a number of too many digits say
+    except Exception:  # repr of any object may fail, for example of an int of too many digits
         return f"a {type(value).__name__}"
 
 
 def describe(error: Exception) -> str:
-    """Return what an exception says, without the number and the file's name that are in an OSError's text."""
+    """Return an exception's message, for an OSError without its number and file name."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 class _Row(Protocol):
-    """A row of a table that is looked up by name."""
+    """Row of a table that is looked up by name."""
 
     @property
     def name(self) -> str:
-        """What it is looked up by."""
+        """Name of the row."""
 
 
 AnyRow = TypeVar("AnyRow", bound=_Row)
 
 
 def check_choice(name: str, value: Any, known: Collection[str]) -> None:
-    """Raise OptionError unless a value is one of the words that there are."""
+    """Raise OptionError unless a value is one of the known words."""
     if not isinstance(value, str) or value not in known:
         raise OptionError(f"{name} must be one of {', '.join(known)}; got {shown(value)}.{did_you_mean(value, known)}")
 
 
 def did_you_mean(value: Any, known: Iterable[str]) -> str:
-    """Return a sentence that names the word that a mistyped one is nearest to; "" where none is near."""
+    """Return a sentence with the known word nearest to a mistyped one; "" if none is near."""
     if not isinstance(value, str):
         return ""
     by_plain = {_plain(word): word for word in known}
@@ -100,7 +100,7 @@ def did_you_mean(value: Any, known: Iterable[str]) -> str:
 
 
 def _plain(word: str) -> str:
-    """Return a word's letters and digits: what is mistyped is mostly the rest."""
+    """Return a word's letters and digits in lower case, so that case and punctuation do not count."""
     return "".join(filter(str.isalnum, word.lower())) or word
 
 
@@ -112,7 +112,7 @@ def find_row(name: str, value: str, rows: Iterable[AnyRow]) -> AnyRow:
 
 
 def check_int(name: str, value: Any, least: int) -> None:
-    """Raise OptionError unless a value is an int of at least 1 or 0, and below 2^63; a bool is none."""
+    """Raise OptionError unless a value is an int from `least`, 0 or 1, and below 2^63; a bool is not an int."""
     if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) < 2**63:
         raise OptionError(f"{name} must be {'a positive int' if least else 'an int from 0'}; got {shown(value)}.")
 

@@ -1,4 +1,4 @@
-"""What an interrupt does to the command line: while it is imported, and from then on."""
+"""Handling of signals by the command line, during its import and afterwards."""
 
 import os
 import signal
@@ -10,13 +10,14 @@ from contextlib import contextmanager
 PROGRAM, PACKAGE = "zbuf-occlude", "zbuf_occlude"
 _NUMBERS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-]  # Windows lacks one
+]  # Windows lacks SIGHUP
 
 
 def end_quietly() -> None:
-    """Have an interrupt end this process without a word, not with a traceback, if it is the command line that begins.
+    """Make Ctrl-C end this process without a traceback while the command line is starting.
 
-    The package calls this first, and `install_signal_handlers` ends it. Other programs that import it are left alone.
+    The package calls this on import, and `install_signal_handlers` ends it. Other programs that import the package are
+    not affected.
     """
     name = os.path.basename(sys.argv[0]) if sys.argv else ""
     begins = name.startswith(PROGRAM) or (name == "-m" and PACKAGE in sys.orig_argv)
@@ -25,9 +26,9 @@ def end_quietly() -> None:
 
 
 def install_signal_handlers() -> None:
-    """Have all that asks this process to end raise KeyboardInterrupt, but for what it was started to ignore.
+    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, unless the process was started to ignore them.
 
-    Ctrl-C, a scheduler's SIGTERM, the SIGHUP of a terminal that was closed: else temporary folders would stay.
+    They come from Ctrl-C, a scheduler, a closed terminal. Without the exception temporary folders would be left.
     """
     for number in _NUMBERS:
         if signal.getsignal(number) is signal.SIG_DFL:
@@ -36,17 +37,17 @@ def install_signal_handlers() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Hold interrupts back until the end of a block, which must be short: half of it would harm another process.
+    """Delay interrupts until the end of a block, which must be short and must not be left half done.
 
-    Not by a mask, which is a thread's: another thread would take the signal for this one.
+    A signal mask would not do: it belongs to one thread, and another thread would receive the signal.
     """
-    if threading.current_thread() is not threading.main_thread():  # interrupts are the main thread's
+    if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
         yield
         return
     came = list[int]()
     before = {number: signal.getsignal(number) for number in _NUMBERS}
     for number, handler in before.items():
-        if handler not in (signal.SIG_IGN, None):  # None: it is not Python's
+        if handler not in (signal.SIG_IGN, None):  # None: the handler is not Python's
             signal.signal(number, lambda number, frame: came.append(number))
     try:
         yield

@@ -306,7 +306,6 @@ def _visible(
     for _ in range(ROUNDS if density is None else 1):
         points = sample_surface(mesh, seed=rng, **asked)
         parts.append(points[occluder.visible(points, eye) & view.in_frustum(points.positions)[0]])
-        occluder.warns = False  # once is enough
         n_sampled, n_found = n_sampled + len(points), n_found + len(parts[-1])
         if n_found >= wanted:
             break

@@ -1,8 +1,8 @@
-"""Triangles cut along the shadows that other faces throw on them, seen from an eye: exactly, by planes through the eye.
+"""Visible parts of triangles: exact cuts along the shadows of other faces from an eye, by planes through the eye.
 
-What a face hides of another lies within the cone of the eye and the part of it that is nearer. A cone's sides are
-planes, so what is left of a triangle is a few convex polygons. Triangles before which many faces lie are quartered
-first. The faces before a triangle come from the boxes of `exact`.
+The part of a face that is nearer to the eye than another face hides the inside of its cone with the apex at the eye.
+The sides of a cone are planes, so the visible part of a triangle is a set of convex polygons. Triangles with many faces
+before them are quartered first. The faces before a triangle are found with the hierarchy of `exact`.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -31,51 +31,52 @@ from zbuf_occlude.jit.threads import n_threads
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 BLOCK = 512
-"""Triangles that a thread cuts at a time."""
-MOST = 1024
-"""Faces before a triangle: with more it is quartered."""
-SHORTEST = 1 / 128
-"""Radii of the mesh's bounding sphere: triangles that are shorter are never quartered."""
-ROUND = 8
-"""Corners of a polygon: with more it is halved."""
-ROOM = ROUND + 5
-"""Corners of a polygon that the four sides of a cone have cut."""
+"""Triangles per block of a thread."""
+MAX_BEFORE = 1024
+"""Maximum faces before a triangle; with more it is quartered."""
+MIN_QUARTERED = 1 / 128
+"""Shortest edge of a triangle that is quartered, in radii of the mesh's bounding sphere."""
+MAX_CORNERS = 8
+"""Maximum corners of a polygon; with more it is halved."""
+CORNER_ROOM = MAX_CORNERS + 5
+"""Maximum corners of a polygon after cuts by the four sides of a cone."""
 EDGE_ON = 1e-12
-"""Sine of the angle between line of sight and face: below, the face is seen edge-on, and has no side to see."""
+"""Sine of the angle between line of sight and face up to which the face is edge-on and nothing of it is seen."""
 CERTAIN = 1e-9
-"""Likewise, and height of a face over its longest edge: below, rounding may decide what is seen of the face."""
+"""Least sine of that angle, and least height of a face over its longest edge, for which rounding decides nothing."""
 TOUCHING = 1e-12
-"""Radii of the mesh's bounding sphere: what is nearer to a face's plane lies in it."""
-DEEP = 300.0
-"""Contact tolerances: a face that comes so far before another is cut off where it meets that, a shallower one where
-the tolerance begins. So a silhouette does not leave strips as narrow as the tolerance on the faces behind it."""
-FLAT = 1e-3
-"""Contact tolerances: an eye so near to a face's plane lies in it."""
+"""Distance from a face's plane, in radii of the mesh's bounding sphere, up to which a point lies in the plane."""
+DEEP_TOLERANCES = 300.0
+"""Height of a face over another, in contact tolerances, above which it hides up to where both meet; a lower face hides
+from the tolerance on. So silhouettes leave no strips as narrow as the tolerance on the faces behind."""
+FLAT_TOLERANCES = 1e-3
+"""Distance from a face's plane, in contact tolerances, up to which an eye lies in the plane."""
 SLIVER = 1e-11
-"""Share of a triangle: smaller polygons are dropped."""
+"""Share of a triangle's area up to which polygons are dropped."""
 
 WALLS = 5
-"""Of what hides a triangle: through the eye and its three sides, in its plane, and parallel to that through the eye."""
+"""Number of planes around the space before a triangle: three through the eye and the sides, the triangle's plane, and
+the parallel one through the eye."""
 MARGIN = np.float32(4e-6)
-"""Radii of the mesh's bounding sphere: what is so near to a wall is not left out; float32 errs by a tenth of it."""
+"""Margin of tests against walls, in radii of the mesh's bounding sphere; float32 errs by a tenth of it."""
 
 COVERED, TOO_MANY = -1, -2
 NOTHING, SOME, ALL = 0, 1, 2
 
 
 def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return what one of the eyes (k, 3) sees at least: triangles (n, 3, 3), of which face each is, their areas (n,).
+    """Return the parts that at least one of the eyes (k, 3) sees: triangles (n, 3, 3), face ids (n,) and areas (n,).
 
-    Exact but for rounding: cuts lie where the shadows' edges do. Of a face seen edge-on nothing is seen. `contact` is
-    the contact tolerance, world units.
+    Exact except for rounding: the cuts are the edges of the shadows. Nothing of a face seen edge-on is visible.
+    `contact` is the contact tolerance, world units.
     """
     return _cut_faces(mesh, build_bvh(mesh, contact), eyes)
 
 
 def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
-    """Return the share of each face's area that each eye (k, 3) sees, (k, f), exact but for rounding.
+    """Return the share of each face's area that each eye (k, 3) sees, (k, f), exact except for rounding.
 
-    NaN for a face that is not `CERTAIN`, and for all faces where the eye lies on one.
+    It is NaN for a face that is not `CERTAIN`, and for all faces if the eye lies on one.
     """
     bvh, shares = build_bvh(mesh, contact), np.empty((len(eyes), len(mesh.faces)))
     for eye, share in zip(eyes, shares, strict=True):
@@ -86,13 +87,13 @@ def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
 
 
 def _has_a_side(mesh: Mesh, eye: FloatArray, contact: float) -> BoolArray:
-    """Which faces (f,) an eye surely sees from one side; none where it lies on a face: in its plane, and in its box."""
+    """Return which faces (f,) an eye certainly sees from one side; none if it lies on a face, in its plane and box."""
     corners, sizes = mesh.corners - eye, 2.0 * mesh.areas
-    reach = np.linalg.norm(corners[:, 0], axis=1)
+    distance = np.linalg.norm(corners[:, 0], axis=1)
     heights = np.abs(np.einsum("fi,fi->f", mesh.face_normals, corners[:, 0]))
     within = (corners.min(axis=1) <= contact) & (corners.max(axis=1) >= -contact)
-    lies_on = (heights <= FLAT * contact * sizes) & within.all(axis=1)
-    return (heights > CERTAIN * sizes * reach) & (sizes > CERTAIN * _longest_edges(corners) ** 2) & ~lies_on.any()
+    lies_on = (heights <= FLAT_TOLERANCES * contact * sizes) & within.all(axis=1)
+    return (heights > CERTAIN * sizes * distance) & (sizes > CERTAIN * _longest_edges(corners) ** 2) & ~lies_on.any()
 
 
 def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -101,7 +102,7 @@ def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntA
     parts, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
     with ThreadPoolExecutor(n_threads()) as pool:
         while len(corners):
-            may_quarter = _longest_edges(corners) * bvh.scale > SHORTEST
+            may_quarter = _longest_edges(corners) * bvh.scale > MIN_QUARTERED
             blocks = [slice(first, first + BLOCK) for first in range(0, len(corners), BLOCK)]
             cut = [pool.submit(_cut, bvh, eyes, corners[i], face_ids[i], may_quarter[i]) for i in blocks]
             rest = np.zeros(len(corners), dtype=bool)
@@ -116,12 +117,12 @@ def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntA
 
 
 def _longest_edges(corners: FloatArray) -> FloatArray:
-    """Length of the longest edge of each triangle (n, 3, 3), (n,)."""
+    """Return the length of the longest edge of each triangle (n, 3, 3), (n,)."""
     return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
 
 
 def _quartered(corners: FloatArray) -> FloatArray:
-    """Four triangles for each one, (4 n, 3, 3), wound alike; neighbours get the same midpoints."""
+    """Divide each triangle into four, (4 n, 3, 3), with the same winding; neighbours get the same midpoints."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -130,16 +131,17 @@ def _quartered(corners: FloatArray) -> FloatArray:
 
 @njit(cache=True, nogil=True, _nrt=True)
 def _cut(bvh, eyes, corners, own, may_quarter):
-    """Return the seen parts of triangles, of which each is, and which are to be quartered first.
+    """Return the visible parts of triangles, the row of each part, and which triangles must be quartered first.
 
-    Polygons wait on a stack, each for an eye's cones from one on. What a cone takes away waits for the next eye.
+    A stack holds polygons, each with the eye and the first of its cones to be tested. The part of a polygon that a cone
+    hides is tested for the next eye.
     """
     is_quartered = np.zeros(len(corners), np.bool_)
     parts, rows, n_parts = np.empty((1024, 3, 3)), np.empty(1024, np.int32), 0
     cones, n_sides, shadows = np.empty((1024, 4, 4)), np.empty(1024, np.int64), np.empty((1024, 4))
     firsts, lasts = np.empty(len(eyes), np.int64), np.empty(len(eyes), np.int64)
-    polygons, states = np.empty((64, ROOM, 3)), np.empty((64, 3), np.int64)  # how many corners, eye, cone
-    polygon, inside, outside = np.empty((ROOM, 3)), np.empty((ROOM, 3)), np.empty((ROOM, 3))
+    polygons, states = np.empty((64, CORNER_ROOM, 3)), np.empty((64, 3), np.int64)  # number of corners, eye, cone
+    polygon, inside, outside = np.empty((CORNER_ROOM, 3)), np.empty((CORNER_ROOM, 3)), np.empty((CORNER_ROOM, 3))
     stack, walls = np.empty((LEAF - 1) * bvh.depth + LEAF, np.int32), np.empty(WALLS * 4, np.float32)
     for row in range(len(corners)):
         n_before, n_cones, n_asked, n_waiting = n_parts, 0, 0, 1
@@ -154,8 +156,8 @@ def _cut(bvh, eyes, corners, own, may_quarter):
             n_waiting -= 1
             n, eye, i = states[n_waiting, 0], states[n_waiting, 1], states[n_waiting, 2]
             _copy(polygons[n_waiting], 0, n, polygon, 0)
-            if eye == n_asked:  # the first polygon that waits for this eye
-                most = MOST if may_quarter[row] else len(bvh.faces)
+            if eye == n_asked:  # the first polygon for this eye
+                most = MAX_BEFORE if may_quarter[row] else len(bvh.faces)
                 found = cones, n_sides, shadows
                 (cones, n_sides, shadows), n_found = _cones_before(
                     bvh, eyes[eye], corners[row], own[row], most, found, n_cones, stack, walls, inside, axes
@@ -169,7 +171,7 @@ def _cut(bvh, eyes, corners, own, may_quarter):
             if lasts[eye] < firsts[eye]:
                 n_waiting = _wait(polygon, n, eye + 1, 0, len(eyes), polygons, states, n_waiting)
                 continue
-            if n > ROUND:
+            if n > MAX_CORNERS:
                 half = n // 2
                 _copy(polygon, 0, 1, inside, 0)
                 _copy(polygon, half, n, inside, 1)
@@ -182,7 +184,7 @@ def _cut(bvh, eyes, corners, own, may_quarter):
             ):
                 i += 1
             if i == lasts[eye]:
-                if n_parts + ROOM > len(parts):
+                if n_parts + CORNER_ROOM > len(parts):
                     parts = np.concatenate((parts, np.empty_like(parts)))
                     rows = np.concatenate((rows, np.empty_like(rows)))
                 n_parts = _put(polygon, n, SLIVER * size, row, parts, rows, n_parts)
@@ -200,7 +202,7 @@ def _cut(bvh, eyes, corners, own, may_quarter):
 
 @device_function
 def _wait(polygon, n, eye, cone, n_eyes, polygons, states, n_waiting):
-    """Put a polygon on the stack, if there is such an eye; return how many wait there."""
+    """Push a polygon, if there is such an eye; return the size of the stack."""
     if eye == n_eyes:
         return n_waiting
     _copy(polygon, 0, n, polygons[n_waiting], 0)
@@ -210,23 +212,23 @@ def _wait(polygon, n, eye, cone, n_eyes, polygons, states, n_waiting):
 
 @njit(_nrt=True)
 def _cones_before(bvh, eye, corners, own, most, found, n_cones, stack, walls, part, axes):
-    """Append the cones of the faces before a triangle; return these arrays, and how many, or `COVERED` or `TOO_MANY`.
+    """Append the cones of the faces before a triangle; return the arrays, and the number, `COVERED` or `TOO_MANY`.
 
-    `walls` become those of what lies before the triangle, as far as the eye.
+    `walls` receives the planes around the space between the triangle and the eye.
     """
     cones, n_sides, shadows = found
-    # all places count from the triangle's first corner: from a far eye on, they would lose their last digits
+    # all positions are relative to the triangle's first corner: relative to a far eye they would lose digits
     origin = corners[0]
     a, b, c, eye = (0.0, 0.0, 0.0), minus(corners[1], origin), minus(corners[2], origin), minus(eye, origin)
-    normal, reach = cross(b, c), np.sqrt(dot(eye, eye))
+    normal, distance = cross(b, c), np.sqrt(dot(eye, eye))
     size = np.sqrt(dot(normal, normal))
-    if abs(dot(normal, eye)) <= EDGE_ON * size * reach:
+    if abs(dot(normal, eye)) <= EDGE_ON * size * distance:
         return (cones, n_sides, shadows), COVERED
     sign = 1.0 if dot(normal, eye) > 0.0 else -1.0
     normal = sign * normal[0], sign * normal[1], sign * normal[2]
     height = dot(normal, eye)
     touching = TOUCHING * size / bvh.scale
-    near = max(height * bvh.world_contact / reach, touching)
+    near = max(height * bvh.world_contact / distance, touching)
     for i, (first, second) in enumerate(((a, b), (b, c), (c, a))):
         side = cross(minus(second, first), minus(first, eye))
         _put_wall(bvh, origin, (sign * side[0], sign * side[1], sign * side[2]), -sign * dot(side, first), walls, i)
@@ -262,7 +264,7 @@ def _cones_before(bvh, eye, corners, own, most, found, n_cones, stack, walls, pa
                     cones = np.concatenate((cones, np.empty_like(cones)))
                     n_sides = np.concatenate((n_sides, np.empty_like(n_sides)))
                     shadows = np.concatenate((shadows, np.empty_like(shadows)))
-                at, end = n_cones + n_found, 0.0 if highest > DEEP * near else near
+                at, end = n_cones + n_found, 0.0 if highest > DEEP_TOLERANCES * near else near
                 n_sides[at], hidden = _cone(p, q, r, b, c, eye, heights, end, touching, part, cones[at])
                 if hidden == ALL:
                     return (cones, n_sides, shadows), COVERED
@@ -274,7 +276,7 @@ def _cones_before(bvh, eye, corners, own, most, found, n_cones, stack, walls, pa
 
 @device_function
 def _put_wall(bvh, origin, normal, constant, walls, i):
-    """Write a plane, whose constant is about an origin, in scene space and float32, its normal of length 1 or 0."""
+    """Write a plane in scene space and float32, with a normal of length 1 or 0; `constant` is relative to `origin`."""
     length = np.sqrt(dot(normal, normal))
     inverse = 1.0 / length if length > 0.0 else 0.0
     for axis in range(3):
@@ -285,7 +287,7 @@ def _put_wall(bvh, origin, normal, constant, walls, i):
 
 @device_function
 def _children_within(bvh, node, walls):
-    """Mask of a node's children that do not lie wholly behind a wall, by more than the error of float32."""
+    """Return the mask of a node's children, except those wholly behind a wall by more than the float32 error."""
     mask = (np.int64(1) << bvh.n_children[node]) - 1
     for i in range(WALLS):
         highest = splat(load_scalar(walls, 4 * i + 3))
@@ -299,7 +301,7 @@ def _children_within(bvh, node, walls):
 
 @device_function
 def _faces_within(bvh, leaf, walls):
-    """Mask of a leaf's faces likewise."""
+    """Return the mask of a leaf's faces, except those wholly behind a wall by more than the float32 error."""
     mask = bvh.used[leaf]
     for i in range(WALLS):
         across, away = splat3(load_scalar3(walls, 4 * i, 1)), splat(load_scalar(walls, 4 * i + 3))
@@ -312,7 +314,7 @@ def _faces_within(bvh, leaf, walls):
 
 @device_function
 def _copy(polygon, first, last, target, at):
-    """Copy corners from one to another to a place of a polygon."""
+    """Copy corners first to last - 1 to a polygon, from corner `at` on."""
     for i in range(first, last):
         for axis in range(3):
             target[at + i - first, axis] = polygon[i, axis]
@@ -320,7 +322,7 @@ def _copy(polygon, first, last, target, at):
 
 @device_function
 def _through(eye, first, second, sign, plane):
-    """Write the plane through the eye and two places: its normal, and the constant that is added."""
+    """Write the plane through the eye and two positions: its normal, and its constant."""
     normal = cross(minus(first, eye), minus(second, first))
     for axis in range(3):
         plane[axis] = sign * normal[axis]
@@ -328,17 +330,17 @@ def _through(eye, first, second, sign, plane):
 
 
 @device_function
-def _side(plane, place):
-    """On which side of a plane a place lies, and how far, in lengths of the plane's normal."""
-    return dot(plane, place) + plane[3]
+def _side(plane, position):
+    """Return the signed distance of a position from a plane, times the length of the plane's normal."""
+    return dot(plane, position) + plane[3]
 
 
 @device_function
 def _cone(p, q, r, b, c, eye, heights, end, touching, part, cone):
-    """Write the planes through the eye and the sides of what of a face pqr is nearer than `end`.
+    """Write the planes through the eye and the sides of the part of a face pqr that is above `end`.
 
-    Return how many, and how much they may hide of the triangle 0, b, c. A corner that touches the end stays: a cut
-    right beside it would have no direction.
+    Return their number, and whether the part may hide nothing, some or all of the triangle 0, b, c. A corner that
+    touches `end` is kept: a cut right beside it would have no direction.
     """
     volume = dot(cross(minus(q, p), minus(r, p)), minus(p, eye))
     corners, n, sign = (p, q, r), 0, (1.0 if volume > 0.0 else -1.0)
@@ -366,7 +368,7 @@ def _cone(p, q, r, b, c, eye, heights, end, touching, part, cone):
 
 @device_function
 def _axes(corners):
-    """Two axes of a triangle's plane, of length 1 or 0."""
+    """Return two axes of a triangle's plane, of length 1 or 0."""
     b, c = minus(corners[1], corners[0]), minus(corners[2], corners[0])
     across = cross(cross(b, c), b)
     return _unit(b), _unit(across)
@@ -381,7 +383,7 @@ def _unit(vector):
 
 @device_function
 def _cast_shadow(part, n, eye, normal, height, axes, shadow):
-    """Write the bounds of the shadow of a part, along two axes of the plane that it falls on; widened, or endless."""
+    """Write the bounds of a part's shadow along two axes of the triangle's plane, widened; infinite near the eye."""
     shadow[0] = shadow[2] = np.inf
     shadow[1] = shadow[3] = -np.inf
     for i in range(n):
@@ -392,21 +394,21 @@ def _cast_shadow(part, n, eye, normal, height, axes, shadow):
             return
         share = above / (height - above)
         x, y, z = part[i, 0] - eye[0], part[i, 1] - eye[1], part[i, 2] - eye[2]
-        place = part[i, 0] + share * x, part[i, 1] + share * y, part[i, 2] + share * z
+        position = part[i, 0] + share * x, part[i, 1] + share * y, part[i, 2] + share * z
         for j, axis in enumerate(axes):
-            at = dot(axis, place)
-            slack = 1e-9 * (abs(place[0]) + abs(place[1]) + abs(place[2]))
+            at = dot(axis, position)
+            slack = 1e-9 * (abs(position[0]) + abs(position[1]) + abs(position[2]))
             shadow[2 * j] = min(shadow[2 * j], at - slack)
             shadow[2 * j + 1] = max(shadow[2 * j + 1], at + slack)
 
 
 @device_function
 def _box_of(polygon, n, origin, axes):
-    """Bounds of a polygon along two axes."""
+    """Return the bounds of a polygon along two axes."""
     low, high, left, right = np.inf, -np.inf, np.inf, -np.inf
     for i in range(n):
-        place = minus(polygon[i], origin)
-        u, v = dot(axes[0], place), dot(axes[1], place)
+        position = minus(polygon[i], origin)
+        u, v = dot(axes[0], position), dot(axes[1], position)
         low, high, left, right = min(low, u), max(high, u), min(left, v), max(right, v)
     return low, high, left, right
 
@@ -418,7 +420,7 @@ def _are_apart(box, other):
 
 @device_function
 def _is_apart(polygon, n, origin, cone, n_sides):
-    """Whether a polygon lies outside one of a cone's sides."""
+    """Return whether a polygon lies outside one of a cone's sides."""
     if n_sides < 3:
         return True
     for side in range(n_sides):
@@ -432,7 +434,7 @@ def _is_apart(polygon, n, origin, cone, n_sides):
 
 @device_function
 def _split(polygon, n, origin, plane, inside, outside):
-    """Split a convex polygon by a plane; return how many corners each part has."""
+    """Split a convex polygon by a plane; return the number of corners of each part."""
     n_inside = n_outside = 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
@@ -446,8 +448,8 @@ def _split(polygon, n, origin, plane, inside, outside):
         if (one < 0.0 < two) or (two < 0.0 < one):
             share = one / (one - two)
             for axis in range(3):
-                place = polygon[i, axis] + share * (polygon[j, axis] - polygon[i, axis])
-                inside[n_inside, axis] = outside[n_outside, axis] = place
+                position = polygon[i, axis] + share * (polygon[j, axis] - polygon[i, axis])
+                inside[n_inside, axis] = outside[n_outside, axis] = position
             n_inside += 1
             n_outside += 1
     return n_inside, n_outside
@@ -455,7 +457,7 @@ def _split(polygon, n, origin, plane, inside, outside):
 
 @device_function
 def _area(polygon, n):
-    """Twice the area of a convex polygon."""
+    """Return twice the area of a convex polygon."""
     area = 0.0
     for i in range(1, n - 1):
         normal = cross(minus(polygon[i], polygon[0]), minus(polygon[i + 1], polygon[0]))
@@ -465,7 +467,7 @@ def _area(polygon, n):
 
 @device_function
 def _put(polygon, n, least, row, parts, rows, n_parts):
-    """Append a polygon's triangles."""
+    """Append a polygon's triangles; return the number of triangles."""
     for i in range(1, n - 1):
         normal = cross(minus(polygon[i], polygon[0]), minus(polygon[i + 1], polygon[0]))
         if np.sqrt(dot(normal, normal)) > least:

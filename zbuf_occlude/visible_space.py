@@ -1,4 +1,4 @@
-"""What eyes see of space and what hides what: a grid of voxels, the faces before points, the objects of a scene."""
+"""Visible space and occlusion: voxel grids, the faces that hide points, the objects of a scene that hide each other."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,19 +13,19 @@ from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, error_of_share, 
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT, FARTHEST, as_eyes
+from zbuf_occlude.visibility.interface import CONTACT, MAX_DIAGONALS, as_eyes
 
-MOST_VOXELS = 2**27
-"""Of a grid, for all eyes together: with the centres 3.7 GB."""
+MAX_VOXELS = 2**27
+"""Maximum voxels of a grid for all eyes together: with the centres 3.7 GB."""
 MARGIN = 0.05
-"""Of a grid around the mesh, in longest sides, on each side."""
+"""Margin of a grid around the mesh on each side, in longest sides."""
 HIDDEN, FREE, SURFACE = 0, 1, 2
-"""What `VisibilityGrid.states` says of a voxel."""
+"""States of a voxel in `VisibilityGrid.states`."""
 
 
 @dataclass(frozen=True, eq=False)
 class VisibilityGrid:
-    """What eyes see of a cube of n x n x n voxels around a mesh, decided at the voxels' centres.
+    """Visibility of a cube of n x n x n voxels around a mesh, decided at the voxels' centres.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class VisibilityGrid:
     step : float
         Side of a voxel.
     distances : (k, n, n, n) float32
-        Of each eye, along its line of sight: from the voxel's centre to the first surface, world units. Positive in
-        front of it, negative behind it, infinite where the line meets nothing. Clipped to a few voxels it is the
-        projective TSDF of a depth image of any resolution.
+        Distance from the voxel's centre to the first surface along each eye's line of sight, world units. Positive in
+        front of the surface, negative behind it, infinite if the line meets nothing. Clipped to a few voxels it is the
+        projective TSDF of a depth image of unlimited resolution.
     """
 
     low: FloatArray
@@ -48,29 +48,29 @@ class VisibilityGrid:
 
     @property
     def centres(self) -> FloatArray:
-        """World space, (n, n, n, 3)."""
-        places = (np.arange(self.distances.shape[1]) + 0.5) * self.step
-        return np.stack(np.meshgrid(*(self.low + places[:, None]).T, indexing="ij"), axis=-1)
+        """Centres of the voxels, world space, (n, n, n, 3)."""
+        offsets = (np.arange(self.distances.shape[1]) + 0.5) * self.step
+        return np.stack(np.meshgrid(*(self.low + offsets[:, None]).T, indexing="ij"), axis=-1)
 
     @property
     def free(self) -> BoolArray:
-        """Centres that an eye sees, (n, n, n)."""
+        """True for voxels whose centre at least one eye sees, (n, n, n)."""
         return np.asarray((self.distances > 0.0).any(axis=0))
 
     @property
     def states(self) -> NDArray[np.uint8]:
-        """`SURFACE` within half a voxel's diagonal of what an eye sees, else `FREE` or `HIDDEN`, (n, n, n)."""
+        """`SURFACE` within half a voxel's diagonal of a visible surface, else `FREE` or `HIDDEN`, (n, n, n)."""
         near = (np.abs(self.distances) <= self.step * np.sqrt(3.0) / 2.0).any(axis=0)
         return np.where(near, SURFACE, np.where(self.free, FREE, HIDDEN)).astype(np.uint8)
 
     def tsdf(self, truncation: float) -> NDArray[np.float32]:
-        """Fuse the eyes' distances, cut off at `truncation` world units, (n, n, n).
+        """Fuse the eyes' distances, truncated at `truncation` world units, (n, n, n).
 
-        The mean of the eyes for which the centre is not farther behind the surface; where it is for all, minus
-        `truncation`.
+        The value is the mean over the eyes for which the centre is not farther than `truncation` behind the surface,
+        or -`truncation` if there is none.
         """
         want = "a length above 0, in the mesh's unit"
-        truncation = as_number(truncation, "truncation", want, lambda length: 0.0 < length < FARTHEST)
+        truncation = as_number(truncation, "truncation", want, lambda length: 0.0 < length < MAX_DIAGONALS)
         known = self.distances > -truncation
         total = np.where(known, np.minimum(self.distances, truncation), 0.0).sum(axis=0)
         return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), -truncation).astype(np.float32)
@@ -78,17 +78,17 @@ class VisibilityGrid:
 
 @dataclass(frozen=True, eq=False)
 class OcclusionGraph:
-    """Who hides whom in a scene, as one eye sees it.
+    """Mutual occlusion of the objects of a scene for one eye.
 
     Parameters
     ----------
     labels : tuple of str
-        Of the objects.
+        Labels of the objects.
     shares : (o, o) float
-        ``shares[a, b]``: of the surface of a that the eye would see if a were alone, the share that b hides, being the
-        first in the line of sight. 0 on the diagonal; NaN of an object of which, alone, no sampled point is seen.
+        ``shares[a, b]`` is the share that b hides of the surface of a that would be visible if a were alone; b is the
+        first object in the line of sight. 0 on the diagonal; NaN for an object with no visible sample if alone.
     standard_error : (o, o) float
-        Of the shares; above 0 where none or all of the points are hidden too.
+        Standard error of the shares; above 0 even if none or all of the points are hidden.
     """
 
     labels: tuple[str, ...]
@@ -96,10 +96,10 @@ class OcclusionGraph:
     standard_error: FloatArray
 
     def __repr__(self) -> str:
-        return f"OcclusionGraph({len(self.labels)} objects, {int((self.shares > 0).sum())} of them pairs that hide)"
+        return f"OcclusionGraph({len(self.labels)} objects, {int((self.shares > 0).sum())} occluding pairs)"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for scene_occlusion.json: the objects, and for each pair that hides its numbers and its share."""
+        """Return plain data for scene_occlusion.json: the objects, and indices and share of each occluding pair."""
         pairs = [
             {"object": a, "hidden_by": b, "share": float(self.shares[a, b])}
             for a, b in np.argwhere(self.shares > 0).tolist()
@@ -110,20 +110,20 @@ class OcclusionGraph:
 def visibility_grid(
     mesh: MeshLike, eyes: ArrayLike, n: int = 64, *, method: str = "exact", **options: Any
 ) -> VisibilityGrid:
-    """Answer which voxels around a mesh eyes see, and how far before or behind the surface they lie.
+    """Compute which voxels around a mesh eyes see, and their distances before or behind the surface.
 
     Parameters
     ----------
     mesh : Mesh
-        Or anything that is one (`occlude`).
+        Or any other mesh (`as_mesh`).
     eyes : (3,) or (k, 3) float
         World space.
     n : int
         Voxels along a side of the cube, which is a tenth larger than the mesh's longest side.
     method : str
-        A name of the table of methods that casts rays; `exact` decides each centre without error.
+        Name of a method that casts rays; `exact` decides each centre without error.
     **options
-        The method's own.
+        Options of the method.
 
     Raises
     ------
@@ -138,32 +138,32 @@ def visibility_grid(
     """
     mesh = as_mesh(mesh)
     check_int("n", n, 1)
-    places = as_eyes(eyes)
-    if (n_voxels := int(n) ** 3 * max(len(places), 1)) > MOST_VOXELS:
+    eyes = as_eyes(eyes)
+    if (n_voxels := int(n) ** 3 * max(len(eyes), 1)) > MAX_VOXELS:
         raise OptionError(
-            f"a grid must have at most {MOST_VOXELS:,} voxels for all eyes together; {len(places)} of {n} along a side "
+            f"a grid must have at most {MAX_VOXELS:,} voxels for all eyes together; {len(eyes)} of {n} along a side "
             f"have {n_voxels:,}. Lower n."
         )
     side = mesh.longest_side * (1.0 + 2.0 * MARGIN)
     if side == 0.0:
-        raise ArgumentError(f"a mesh must have an extent; all vertices of {mesh.name} coincide.")
-    grid = VisibilityGrid(mesh.centre - side / 2.0, side / n, np.empty((len(places), n, n, n), np.float32))
+        raise ArgumentError(f"All vertices of {mesh.name} coincide, so there is no grid around it.")
+    grid = VisibilityGrid(mesh.centre - side / 2.0, side / n, np.empty((len(eyes), n, n, n), np.float32))
     centres = grid.centres.reshape(-1, 3)
-    with prepare(mesh, method, **options) as occluder:
-        for eye, distances in zip(places, grid.distances, strict=True):
+    with prepare(mesh, method, **options) as query:
+        for eye, distances in zip(eyes, grid.distances, strict=True):
             away = np.linalg.norm(centres - eye, axis=1)
             if not away.all():
-                raise ArgumentError("an eye must not be at the centre of a voxel; one is. Move it a little.")
-            distances[:] = (occluder.first_hits(eye[None], centres - eye).distances - away).reshape(n, n, n)
+                raise ArgumentError("An eye lies at the centre of a voxel. Move it a little.")
+            distances[:] = (query.first_hits(eye[None], centres - eye).distances - away).reshape(n, n, n)
     return grid
 
 
 def blockers(
     mesh: MeshLike, points: SurfacePoints, eye: ArrayLike, *, method: str = "exact", **options: Any
 ) -> IntArray:
-    """Return for each point the face nearest to the eye that hides it, (n,) int32; -1 of points that the eye sees.
+    """Return for each point the face nearest to the eye that hides it, (n,) int32; -1 for visible points.
 
-    Of a `Scene` give its mesh; ``scene.instances[faces]`` are the objects.
+    For a `Scene` pass its mesh; ``scene.instances[faces]`` are the objects.
 
     Raises
     ------
@@ -178,17 +178,17 @@ def blockers(
     True
     """
     mesh, at = as_mesh(mesh), as_numbers(eye, "eye", (3,))
-    with prepare(mesh, method, **options) as occluder:
-        hidden = np.flatnonzero(~occluder.visible(points, at))
+    with prepare(mesh, method, **options) as query:
+        hidden = np.flatnonzero(~query.visible(points, at))
         found = np.full(len(points), -1, np.int32)
-        found[hidden] = occluder.first_hits(at[None], points.positions[hidden] - at).face_ids
+        found[hidden] = query.first_hits(at[None], points.positions[hidden] - at).face_ids
     return found
 
 
 def occlusion_graph(
     scene: Scene, eye: ArrayLike, *, n_points: int = 10_000, seed: Seed = 0, method: str = "exact", **options: Any
 ) -> OcclusionGraph:
-    """Estimate which object of a scene hides which, and how much of it.
+    """Estimate which objects of a scene hide each other, and how much.
 
     Parameters
     ----------
@@ -196,12 +196,12 @@ def occlusion_graph(
     eye : (3,) float
         World space.
     n_points : int
-        Points on each object's surface.
+        Number of points on each object's surface.
     seed : int
     method : str
-        A name of the table of methods that casts rays. Of an exact one the shares have the sampling's error alone.
+        Name of a method that casts rays. With an exact method the only error is that of sampling.
     **options
-        The method's own.
+        Options of the method.
 
     Raises
     ------
@@ -225,8 +225,8 @@ def occlusion_graph(
         for number in np.unique(scene.instances).tolist():
             alone = Mesh(scene.mesh.vertices, scene.mesh.faces[scene.instances == number], scene.labels[number])
             points = sample_surface(alone, n_points=n_points, seed=rng)
-            with prepare(alone, method, **options) as occluder:
-                seen = points.positions[occluder.visible(points, at)]
+            with prepare(alone, method, **options) as query:
+                seen = points.positions[query.visible(points, at)]
             hits = whole.first_hits(at[None], seen - at)
             before = hits.distances < np.linalg.norm(seen - at, axis=1) - CONTACT * scene.mesh.diagonal
             others = np.bincount(scene.instances[hits.face_ids[before]], minlength=n_objects)

@@ -1,6 +1,6 @@
-"""What eyes see of a surface: the share of each face, the vertices, the visible part as a mesh, what views cover.
+"""Visible surface: the visible share of each face, visible vertices, the visible part as a mesh, coverage by views.
 
-The mesh is cut exactly; the others ask a method of the table about points, and say what is sampled.
+The visible part is cut exactly; the other functions query a method of the table about points.
 """
 
 from typing import Any, NamedTuple
@@ -17,18 +17,18 @@ from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT, as_eyes
 
 WHOLE = 1e-9
-"""Share of a face: with less missing it is seen wholly, with less seen it is hidden."""
+"""Share of a face's area up to which a missing part is ignored, and up to which a visible part is ignored."""
 
 
 class VisibleFaces(NamedTuple):
-    """How much of each face each eye sees.
+    """Share of each face that each eye sees.
 
     fraction : (k, f) float64, share of the face's area
-    standard_error : (k, f) float64, of `fraction`: the standard deviation of the share after what was sampled, from a
-        uniform prior; 0 where it is cut, and nowhere else
-    n_points : (f,) int64, points that the face was asked at
-    proved : (k, f) bool, where the face is cut and the eye sees all of it, `fraction` 1, or nothing, 0. False
-        everywhere unless asked for.
+    standard_error : (k, f) float64, of `fraction`: the posterior standard deviation of the share, from a uniform prior;
+        0 exactly if the face is cut
+    n_points : (f,) int64, number of sampled points on the face
+    proved : (k, f) bool, True if the face is cut and the eye sees all of it, `fraction` 1, or nothing, 0. False without
+        `exactly`.
     """
 
     fraction: FloatArray
@@ -38,9 +38,9 @@ class VisibleFaces(NamedTuple):
 
 
 class VisiblePart(NamedTuple):
-    """The part of a mesh that eyes see.
+    """Part of a mesh that eyes see.
 
-    mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
+    mesh : Mesh, in the space of the whole mesh and with its winding; faces that are wholly seen are unchanged
     face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
     """
 
@@ -49,11 +49,11 @@ class VisiblePart(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """How much of a surface a sequence of views sees.
+    """Share of a surface that a sequence of views sees.
 
     alone : (k,) float64, share of the area that each view sees
-    together : (k,) float64, share that the views up to this one see, union
-    standard_error : (k,) float64, of `together`: above 0 where no sampled point, or every one, is seen too
+    together : (k,) float64, share that this view and the ones before it see together
+    standard_error : (k,) float64, of `together`: above 0 even if no sampled point, or every one, is seen
     """
 
     alone: FloatArray
@@ -77,27 +77,27 @@ def visible_faces(
     Parameters
     ----------
     mesh : Mesh
-        Or anything that is one (`occlude`).
+        Or any other mesh (`as_mesh`).
     eyes : (3,) or (k, 3) float
         World space.
     points_per_face : int
-        Each face gets as many points at least.
+        Minimum number of points on each face.
     n_points : int
-        Points shared out by area on top of these, so that large faces are known better.
+        Number of additional points, distributed by area for the accuracy of large faces.
     seed : int
     exactly : bool
-        Cut the faces along the edges of the shadows, as `visible_mesh` does: exact but for rounding, and where another
-        face is nearer than the contact tolerance. Within 1e-9 of all or nothing is all or nothing. Still sampled are
-        faces that are edge-on, or needles, by 1e-9; and all faces for an eye in the plane and the box of one.
+        Cut the faces along the edges of the shadows, as `visible_mesh`: exact except for rounding, and for other faces
+        nearer than the contact tolerance. Shares within 1e-9 of 0 or 1 become 0 or 1. Faces that are edge-on or needles
+        to within 1e-9 are still sampled, as are all faces for an eye in the plane and the box of a face.
     method : str
-        A name of the table of methods. Answers of an exact method have the sampling's error alone.
+        Name in the table of methods. With an exact method the only error is that of sampling.
     **options
-        Of the method.
+        Options of the method.
 
     Raises
     ------
     ArgumentError
-        A number out of range; `exactly` of a method that has errors.
+        A number is out of range; `exactly` with a method that is not exact.
     OptionError, UnavailableError, GlError
         As `prepare` and `VisibilityQuery.visible`.
 
@@ -115,14 +115,14 @@ def visible_faces(
     every = np.arange(len(mesh.faces), dtype=np.int32)
     points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), np.repeat(every, counts))
     if as_flag(exactly, "exactly") and not find_method(method).exact:
-        raise ArgumentError(f"exactly needs a method without error, exact or oracle; got {method}.")
-    with prepare(mesh, method, **options) as occluder:
-        seen = occluder.visible(points, eyes)
+        raise ArgumentError(f"exactly needs an exact method, exact or oracle; got {method}.")
+    with prepare(mesh, method, **options) as query:
+        seen = query.visible(points, eyes)
     n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
     fraction, error = n_seen / counts, error_of_share(n_seen, counts)
     proved = np.zeros(fraction.shape, dtype=bool)
     if exactly:
-        from zbuf_occlude.shadow_cuts import seen_shares  # late: it takes numba along
+        from zbuf_occlude.shadow_cuts import seen_shares  # late: it imports numba
 
         shares = seen_shares(mesh, eyes, float(options.get("contact", CONTACT)) * mesh.diagonal)
         cut, nothing, all_of_it = np.isfinite(shares), shares < WHOLE, shares > 1 - WHOLE
@@ -133,10 +133,10 @@ def visible_faces(
 
 
 def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
-    """Answer which vertices each eye sees: (k, v) bool, (1, v) of one eye (3,).
+    """Return which vertices each eye sees: (k, v) bool, (1, v) for one eye (3,).
 
-    A vertex is hidden by faces that the line of sight crosses, never by those that meet it there. So a corner on the
-    silhouette is seen. Vertices that no face uses are asked too.
+    A vertex is hidden by faces that the line of sight crosses, never by faces that meet at the vertex. A corner on the
+    silhouette is therefore visible. Vertices that no face uses are tested too.
 
     Raises
     ------
@@ -150,14 +150,14 @@ def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", 
     True
     """
     mesh, eyes = as_mesh(mesh), as_eyes(eyes)
-    with prepare(mesh, method, **options) as occluder:
-        return occluder.visible(SurfacePoints.free(mesh.vertices), eyes)
+    with prepare(mesh, method, **options) as query:
+        return query.visible(SurfacePoints.free(mesh.vertices), eyes)
 
 
 def coverage(
     mesh: MeshLike, eyes: ArrayLike, *, n_points: int = 20_000, seed: Seed = 0, method: str = "exact", **options: Any
 ) -> Coverage:
-    """Estimate how much of the surface the eyes (k, 3) see, each alone and those up to it together.
+    """Estimate the share of the surface that the eyes (k, 3) see, each alone and together with those before it.
 
     Raises
     ------
@@ -173,27 +173,27 @@ def coverage(
     """
     mesh, eyes = as_mesh(mesh), as_eyes(eyes)
     points = sample_surface(mesh, n_points=n_points, seed=seed)
-    with prepare(mesh, method, **options) as occluder:
-        seen = occluder.visible(points, eyes)
+    with prepare(mesh, method, **options) as query:
+        seen = query.visible(points, eyes)
     n_together = np.logical_or.accumulate(seen, axis=0).sum(axis=1)
     return Coverage(seen.mean(axis=1), n_together / n_points, error_of_share(n_together, n_points))
 
 
 def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -> VisiblePart:
-    """Cut the mesh along the edges of the shadows, and keep what one of the eyes sees at least.
+    """Cut the mesh along the edges of the shadows, and keep the parts that at least one of the eyes sees.
 
-    Exact but for rounding: of each face, the cones of the eye and what lies before it are taken away
-    (`shadow_cuts`). A face seen edge-on is left out. Faces that an eye lies on hide nothing from it. What comes more
-    than 300 contact tolerances before a face hides it up to where both meet; other faces hide from the tolerance on.
+    Exact except for rounding: from each face the cones of the eye and the faces before it are removed (`shadow_cuts`).
+    A face seen edge-on is left out. Faces that an eye lies on hide nothing from it. A face more than 300 contact
+    tolerances before another hides it up to where both meet; other faces hide from the tolerance on.
 
     Parameters
     ----------
     mesh : Mesh
-        Or anything that is one (`occlude`).
+        Or any other mesh (`as_mesh`).
     eyes : (3,) or (k, 3) float
         World space.
     contact : float
-        Contact tolerance, diagonals of the mesh's box.
+        Contact tolerance as a fraction of the mesh's diagonal.
 
     Returns
     -------
@@ -203,11 +203,11 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
     Raises
     ------
     MeshError
-        Nothing is seen.
+        No part is visible.
     ArgumentError
-        Eyes that are no vectors, or not finite.
+        Eyes that are not finite vectors.
     OptionError
-        `contact` out of range.
+        `contact` is out of range.
 
     Examples
     --------
@@ -215,7 +215,7 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
     >>> len(part.face_ids) == len(part.mesh.faces)
     True
     """
-    from zbuf_occlude.shadow_cuts import cut_by_shadows  # late: it takes numba along
+    from zbuf_occlude.shadow_cuts import cut_by_shadows  # late: it imports numba
 
     mesh = _with_area(mesh)
     check_fraction("contact", contact)
@@ -225,25 +225,23 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
 def _with_area(mesh: MeshLike) -> Mesh:
     mesh = as_mesh(mesh)
     if not mesh.areas.any():
-        raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
+        raise MeshError(f"{mesh.name} has no area.")
     return mesh
 
 
 def _on_faces(mesh: Mesh, positions: FloatArray, face_ids: IntArray) -> SurfacePoints:
-    """Positions (n, 3) on faces (n,), as points."""
+    """Return positions (n, 3) on faces (n,) as points."""
     return SurfacePoints.of_checked(positions, face_ids, mesh.face_normals[face_ids])
 
 
 def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray, areas: FloatArray) -> VisiblePart:
-    """Pieces (n, 3, 3) of faces (n,), with their areas (n,), as one mesh; a face of which all is there is one again."""
+    """Join pieces (n, 3, 3) of faces (n,), with areas (n,), to one mesh; a face that is complete becomes one piece."""
     seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
     whole = np.flatnonzero((mesh.areas > 0) & (seen >= (1 - WHOLE) * mesh.areas)).astype(np.int32)
     rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
     corners = np.concatenate([mesh.corners[whole], pieces[rest]])
     if len(corners) == 0:
-        raise MeshError(
-            f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
-        )
+        raise MeshError(f"No part of {mesh.name} is visible. Is the eye within a closed shell?")
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     of_face = np.concatenate([whole, face_ids[rest]])
     order = np.argsort(of_face, kind="stable")

@@ -1,6 +1,6 @@
-// main() of a pass that asks for 4 points and EYES eyes, at most 8, in one invocation. ask(eye, point) is VISIBLE,
-// DOUBTFUL or HIDDEN; list(doubts, block) gets the doubtful ones of all, in the order of the answers.
-// The compiler unrolls the loops, with the eye known to be the same for the whole group: software rasterisers then load
+// main() of a pass that tests 4 points and EYES eyes, at most 8, per invocation. ask(eye, point) returns VISIBLE,
+// DOUBTFUL or HIDDEN; list(doubts, block) receives the mask of doubtful pairs, in the order of the answers.
+// The compiler unrolls the loops, and the eye is the same for the whole group, so that software rasterisers load
 // matrices only once.
 void main()
 {

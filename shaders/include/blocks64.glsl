@@ -1,12 +1,12 @@
-// The definition of "blocked" (zbuf_occlude/geometry/predicates.py) as far as float64 tells: hidden, not hidden, or in doubt.
-// The same filter: each volume has a bound on its error. `precise` keeps the compiler from computing other numbers.
+// Definition of "blocked" (zbuf_occlude/geometry/predicates.py) in float64: blocked, not blocked, or in doubt. Each volume
+// has a bound on its error. `precise` prevents optimisations that change the rounding.
 
-const double FILTER64 = 1e-15LF, TINY64 = 1e-150LF;  // of the permanent: 9 roundings; underflow
-const double CLEAR64 = 1e9LF;                      // a height that exceeds its error so many times may be divided by
+const double FILTER64 = 1e-15LF, TINY64 = 1e-150LF;  // error bound per permanent (9 roundings), and for underflow
+const double CLEAR64 = 1e9LF;                      // least ratio of a divisor to its error
 const double UNSURE64 = 1e-6LF;                    // relative distance from the contact tolerance
 const uint NOT_BLOCKED = 0u, BLOCKED = 1u, IN_DOUBT = 2u;
 
-// x . (y x z), and a bound on its error
+// Determinant x . (y x z), and a bound on its error.
 dvec2 filtered64(dvec3 x, dvec3 y, dvec3 z)
 {
     precise dvec3 p = y.yzx * z.zxy, q = y.zxy * z.yzx, size = abs(x) * (abs(p) + abs(q));
@@ -14,7 +14,7 @@ dvec2 filtered64(dvec3 x, dvec3 y, dvec3 z)
     return dvec2(terms.x + terms.y + terms.z, FILTER64 * (size.x + size.y + size.z) + TINY64);
 }
 
-// Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
+// Return whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
 uint blocks64(dvec3 eye, dvec3 point, dvec3 a, dvec3 b, dvec3 c, double contact)
 {
     dvec3 d = point - eye;

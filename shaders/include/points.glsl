@@ -1,12 +1,12 @@
-// Points as the compute passes of the depth test see them, and a point's place in window space.
+// Points of the compute passes of the depth test, and their positions in window space.
 struct Point {
     vec3 position;  // unit space
-    int own;        // the face it lies on, -1 for none
-    vec3 normal;    // of that face; 0 for none
+    int own;        // own face, -1 for none
+    vec3 normal;    // normal of the own face; 0 for none
 };
 
 layout(std430, binding = 0) readonly buffer Points { uvec4 points[]; };
-layout(std430, binding = 1) buffer Answers { uint answers[]; };  // 8 eyes a byte, 4 points a word
+layout(std430, binding = 1) buffer Answers { uint answers[]; };  // 8 eyes per byte, 4 points per word
 
 uniform float tolerance;  // eye depth, unit space
 
@@ -16,7 +16,7 @@ Point point_at(uint slot)
     return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz));
 }
 
-// The tile in which an eye sees a point: its only one, or that of the cube face on which the point lies.
+// Return the tile in which an eye sees a point: its only one, or that of the cube face that contains the point.
 int tile_of(int eye, vec3 position)
 {
 #if $CUBE
@@ -29,20 +29,20 @@ int tile_of(int eye, vec3 position)
 #endif
 }
 
-// A point in window space, and its own plane there: where it lies, and what its depth gains from pixel to pixel.
-struct Place {
+// Point in window space, and the slope of its own plane there.
+struct WindowPoint {
     vec2 pixel;
     float depth;      // reversed: larger is nearer
-    vec2 gain;        // of the plane's depth, a pixel to the right and upwards; 0 for a free point
-    float allowance;  // depth that `tolerance` of eye depth is worth here
-    bool aside;       // outside the picture, which holds the whole mesh, or behind the eye: nothing is before it
+    vec2 gain;        // gain of the plane's depth per pixel to the right and upwards; 0 for a free point
+    float allowance;  // depth equivalent here of `tolerance`
+    bool aside;       // outside the picture, which holds the whole mesh, or behind the eye: no face is in front of it
 };
 
-Place place_of(int tile, Point point)
+WindowPoint project(int tile, Point point)
 {
-    vec4 c = tiles[tile].window * vec4(point.position, 1.0);
+    vec4 c = tiles[tile].to_window * vec4(point.position, 1.0);
     float inverse = 1.0 / c.w;
-    // one unit of eye depth, and the whole frustum's range: no plane gains more than that from a pixel to the next
+    // depth of one unit of eye depth, and of the whole frustum, which limits the gain of a plane per pixel
     float unit = tiles[tile].across.w * inverse * inverse, most = tiles[tile].upward.w * unit;
     vec3 d = tiles[tile].eye.xyz - point.position;
     float facing = dot(d, point.normal);
@@ -52,9 +52,9 @@ Place place_of(int tile, Point point)
 #if $CUBE
     bool aside = false;
 #else
-    // a picture's border of two pixels is empty
+    // the border of a picture, two pixels wide, is empty
     vec2 inner = pixel - tiles[tile].corner.xy;
     bool aside = c.w <= 0.0 || any(lessThan(inner, vec2(1.0))) || any(greaterThan(inner, vec2(tiles[tile].corner.z - 1.0)));
 #endif
-    return Place(pixel, c.z * inverse, gain, tolerance * unit, aside);
+    return WindowPoint(pixel, c.z * inverse, gain, tolerance * unit, aside);
 }

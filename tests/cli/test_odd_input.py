@@ -93,7 +93,7 @@ def test_too_little_memory_is_one_line(run: Run, tetrahedron: Path, monkeypatch:
     monkeypatch.setattr("zbuf_occlude.cli.mesh_views.sample_surface", starve)
     outcome = run(f"visible {tetrahedron} --method oracle --azimuth 0 --elevation 0 --out a.ply", code=1)
     assert re.fullmatch(
-        r"error: it must fit in .*; it does not \(Unable to allocate 745\. GiB\)\. Ask for less: .*\n",
+        r"error: out of memory; the limit is .* \(Unable to allocate 745\. GiB\)\. Reduce points, views or size\.\n",
         outcome.err,
     )
 

@@ -66,5 +66,5 @@ def test_software_beside_an_nvidia_gpu_is_said(monkeypatch: pytest.MonkeyPatch, 
     assert devices.explain_software_fallback("NVIDIA H100") == ""
     said = devices.explain_software_fallback("llvmpipe (LLVM 15)")
     assert said == (
-        "OpenGL runs in software (llvmpipe (LLVM 15)), though /dev/nvidiactl is there: it is hidden. Fix: show it"
+        "OpenGL runs in software (llvmpipe (LLVM 15)), although /dev/nvidiactl exists: it is hidden. Fix: show it"
     )

@@ -24,7 +24,7 @@ def test_random_scenes_are_answered_as_by_rational_arithmetic(monkeypatch: pytes
     kinds = set()
     for index in range(130):
         if index == len(KINDS) * len(CONTACTS):  # once more, as few points of large meshes are asked
-            monkeypatch.setattr("zbuf_occlude.exact.FEW_POINTS_PER_LEAF", 1 << 40)
+            monkeypatch.setattr("zbuf_occlude.exact.MIN_POINTS_PER_LEAF", 1 << 40)
         contact = CONTACTS[index % len(CONTACTS)]
         wrong, _ = wrong_answers_of("exact", 1, index, contact)
         kind = scene(1, index)[3]

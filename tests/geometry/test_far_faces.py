@@ -33,10 +33,10 @@ def test_a_far_triangle_is_found_and_named() -> None:
     assert far.face_ids.tolist() == [12]
     assert far.size == pytest.approx(np.sqrt(3.0))
     assert far.distance == pytest.approx(1000.0, abs=0.6)
-    assert "strayed" in far.said(mesh)
-    assert "face 12 " in far.said(mesh)
+    assert "strayed" in far.summary(mesh)
+    assert "face 12 " in far.summary(mesh)
     cut = zo.Mesh(mesh.vertices, mesh.faces, "cut", source_face_ids=np.arange(13, dtype=np.int32) + 100)
-    assert "face 112 " in far_faces(cut).said(cut)  # type: ignore[union-attr]
+    assert "face 112 " in far_faces(cut).summary(cut)  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize(("away", "side", "found"), [(172.0, 0.05, False), (175.0, 0.05, True), (1000.0, 0.4, False)])

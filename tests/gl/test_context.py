@@ -115,7 +115,7 @@ def test_a_closed_context_refuses(working: str) -> None:
         gl.make_current()
     """)
     assert "closed" in child.stdout
-    assert "a GlContext must be open to be used; it was closed" in child.stderr
+    assert "This GlContext is closed" in child.stderr
 
 
 @pytest.mark.parametrize(
@@ -143,10 +143,7 @@ def test_wrong_settings(
 @pytest.mark.needs("egl")
 def test_a_device_that_is_not_there() -> None:
     child = run_program("from zbuf_occlude.gl.context import GlContext; GlContext.open('egl', 4321)")
-    assert (
-        "GlError: an OpenGL 4.3 core context must open; it does not. Tried egl: requested device index 4321"
-        in child.stderr
-    )
+    assert "GlError: No OpenGL 4.3 core context opens. Tried egl: requested device index 4321" in child.stderr
     assert "apt-get" not in child.stderr  # no package helps
 
 

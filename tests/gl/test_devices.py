@@ -35,9 +35,9 @@ def test_nothing_is_missing_and_no_gpu_no_hindrance(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("missing", "cause", "fix"),
     [
-        ("libEGL_nvidia.so.0", "not the driver's libEGL_nvidia", "NVIDIA_DRIVER_CAPABILITIES=graphics"),
-        ("libEGL.so.1", "not glvnd's libEGL", "apt-get install libegl1"),
-        ("libGLdispatch.so.0", "not glvnd's libEGL", "apt-get install libegl1"),
+        ("libEGL_nvidia.so.0", "the driver's libEGL_nvidia is missing", "NVIDIA_DRIVER_CAPABILITIES=graphics"),
+        ("libEGL.so.1", "glvnd's libEGL, which finds drivers, is missing", "apt-get install libegl1"),
+        ("libGLdispatch.so.0", "glvnd's libEGL, which finds drivers, is missing", "apt-get install libegl1"),
         ("10_nvidia.json", "no ICD file", ICD),
     ],
 )

@@ -5,23 +5,23 @@ from pathlib import Path
 
 import pytest
 
-from zbuf_occlude.gl.depth_pass import MOST_TILES
+from zbuf_occlude.gl.depth_pass import MAX_TILES
 from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, shader_constants
-from zbuf_occlude.gl.point_pass import MOST_HIDDEN
+from zbuf_occlude.gl.point_pass import MAX_HIDDEN
 from zbuf_occlude.gl.shaders import shader_folder, shader_texts
 from zbuf_occlude.gl.tiles import EYES_PER_BYTE
 
 PROGRAMS: list[tuple[str, dict[str, object]]] = [
     *[("exact.comp", shader_constants(shape, True)) for _, shape in (*SOFTWARE, *HARDWARE)],
-    *[("depth.vert", {"TILES": MOST_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
+    *[("depth.vert", {"TILES": MAX_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
     *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
     *[
-        (name, {"TILES": MOST_TILES, "CUBE": cube, "EYES": eyes})
+        (name, {"TILES": MAX_TILES, "CUBE": cube, "EYES": eyes})
         for name in ("depth_test.comp", "vote.comp")
         for cube in (0, 1)
         for eyes in (1, EYES_PER_BYTE)
     ],
-    *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
+    *[("witness.comp", {"TILES": MAX_TILES, "CUBE": cube, "MAX_HIDDEN": MAX_HIDDEN}) for cube in (0, 1)],
     *[(name, {}) for name in ("candidates.comp", "peak.comp", "probe.comp", "stream.comp")],
 ]
 

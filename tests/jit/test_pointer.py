@@ -1,4 +1,4 @@
-"""References to NamedTuples: fields are the tuple's own, read and written through; what it has not is refused."""
+"""Pointers to NamedTuples: fields are read and written through; an unknown field is refused."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from zbuf_occlude.jit.pointer import reference
+from zbuf_occlude.jit.pointer import pointer_to
 
 
 class Inner(NamedTuple):
@@ -34,7 +34,7 @@ def _inner_kernel(outer):
 
 @njit(_nrt=False)
 def _kernel(outer):
-    return _inner_kernel(reference(outer))
+    return _inner_kernel(pointer_to(outer))
 
 
 def test_fields_are_the_tuples_own() -> None:
@@ -47,7 +47,7 @@ def test_fields_are_the_tuples_own() -> None:
 def test_a_field_that_is_not_there_is_refused() -> None:
     @njit(_nrt=False)
     def kernel(outer):
-        return reference(outer).nothing
+        return pointer_to(outer).nothing
 
     with pytest.raises(TypingError, match="Unknown attribute 'nothing'"):
         kernel(some())

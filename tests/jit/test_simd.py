@@ -64,7 +64,7 @@ def test_a_number_stands_in_all_lanes(n, load) -> None:
         store(out, n, v * number)
         store(out, 2 * n, simd.minimum(number, v))
         store(out, 3 * n, simd.muladd(number, v, number))
-        store(out, 4 * n, simd.select(mask, number, v))
+        store(out, 4 * n, simd.blend(mask, number, v))
         return simd.greater(v, number), simd.not_less(number, v)
 
     a, b = RNG.normal(size=(2, n)).astype(np.float32)
@@ -117,8 +117,8 @@ def test_one_vector(n, load) -> None:
 def test_masks() -> None:
     @njit
     def kernel(mask, a, b, ids, out):
-        store(out, 0, simd.select(mask, load(a, 0), load(b, 0)))
-        simd.fill(ids, 2, mask, np.int32(7))
+        store(out, 0, simd.blend(mask, load(a, 0), load(b, 0)))
+        simd.store_masked(ids, 2, mask, np.int32(7))
         return simd.first_lane(mask), simd.count_lanes(mask)
 
     out = np.empty(16, dtype=np.float32)
@@ -135,7 +135,7 @@ def test_masks() -> None:
 def test_wide_masks() -> None:
     @njit
     def kernel(mask, a, b, ids, value, out):
-        store(out, 0, simd.select(mask, load_wide(a, 0), load_wide(b, 0)))
+        store(out, 0, simd.blend(mask, load_wide(a, 0), load_wide(b, 0)))
         return simd.first_lane(mask), simd.count_lanes(mask), simd.equal_wide(ids, 2, value)
 
     out = np.empty(32, dtype=np.float32)

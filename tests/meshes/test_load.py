@@ -131,7 +131,7 @@ def folder_as_file(folder: Path) -> Path:
         (lambda folder: write(folder, "empty.obj", ""), "must hold something; it is empty, 0 bytes"),
         (fifo, "it is a device or a pipe"),
         (folder_as_file, r"must be a file; it is a folder\. Use MeshCollection\.from_paths"),
-        (lambda folder: write(folder, "a.off", TRIANGLE.replace("0 1 0\n3", "2 0 0\n3")), "have faces of some area"),
+        (lambda folder: write(folder, "a.off", TRIANGLE.replace("0 1 0\n3", "2 0 0\n3")), "have zero area"),
         (lambda folder: write(folder, "a.obj", TRIANGLE), r"no face of three corners.* looks like \.off: rename it\?"),
         (lambda folder: write(folder, "a.stl", b"ply\nformat ascii 1.0\n"), r"84 bytes.* looks like \.ply: rename"),
         (lambda folder: write(folder, "a.gltf", "solid x\nfacet normal 0 0 1\n"), r"JSON.* looks like \.stl: rename"),

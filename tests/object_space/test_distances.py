@@ -19,7 +19,7 @@ def true_distances(eye: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("eye", EYES)
 def test_first_suggestion_never_exceeds_the_true_distance(eye: np.ndarray) -> None:
-    planes = PlaneDistances(FacePlanes.of(MESH)).of(eye)
+    planes = PlaneDistances(FacePlanes.from_mesh(MESH)).from_eye(eye)
     true = true_distances(eye)
     assert (planes <= true + 1e-12).all()
     if (eye == EYES[0]).all():
@@ -30,7 +30,7 @@ def test_first_suggestion_never_exceeds_the_true_distance(eye: np.ndarray) -> No
 @pytest.mark.parametrize("n_samples", [1, 1000, 200_000])
 def test_second_suggestion_never_falls_below_the_true_distance(eye: np.ndarray, n_samples: int) -> None:
     samples = SampleDistances(MESH, n_samples)
-    distances, true = samples.of(eye), true_distances(eye)
+    distances, true = samples.from_eye(eye), true_distances(eye)
     assert (distances >= true - 1e-12).all()
     if n_samples == 200_000:
         assert (distances - true).max() < 0.2 * np.sqrt(MESH.areas.max())

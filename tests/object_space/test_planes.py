@@ -16,14 +16,14 @@ def hidden(mesh: zo.Mesh, positions: object, eye: object, contact: float = 1e-9,
     positions = np.asarray(positions, dtype=np.float64)
     labels = np.full(len(positions), -1, dtype=np.int32) if own is None else np.asarray(own, dtype=np.int32)
     face_labels = np.arange(len(mesh.faces), dtype=np.int32)[:, None]
-    planes = FacePlanes.of(mesh)
+    planes = FacePlanes.from_mesh(mesh)
     answer, _ = hidden_points(planes, face_labels, positions, labels, np.asarray(eye, dtype=np.float64), contact)
     return list(answer.tolist())
 
 
 def test_planes_pass_through_their_corners_and_edges() -> None:
     mesh = soup(50)
-    planes = FacePlanes.of(mesh)
+    planes = FacePlanes.from_mesh(mesh)
     corners = mesh.corners - planes.origin
     heights = np.einsum("fx,fcx->fc", planes.planes[:, :3], corners) + planes.planes[:, 3:4]  # Eq. 2
     assert np.abs(heights).max() < 1e-15
@@ -41,7 +41,7 @@ def test_with_equation_1s_second_edge_the_perpendicular_planes_would_be_wrong() 
     n, inside = np.cross(b - a, c - a), np.array([1.0, 1.0, 0.0])
     assert np.dot(inside - b, np.cross(n, c - a)) > 0 > np.dot(np.array([3.0, 0.5, 0]) - b, np.cross(n, a - c))
     mesh = zo.Mesh(np.stack([a, b, c]), [[0, 1, 2]])
-    planes = FacePlanes.of(mesh)
+    planes = FacePlanes.from_mesh(mesh)
     for point, expected in (([1, 1, 0], True), ([3, 0.5, 0], True), ([3, 1.5, 0], False), ([-1, 1, 0], False)):
         values = planes.sides[0, :, :3] @ (np.asarray(point) - planes.origin) + planes.sides[0, :, 3]
         assert (values >= 0).all() == expected

@@ -164,9 +164,12 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
         ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
         ("colors must be True or False", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
         ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]
-        ("occluder must be of the mesh", lambda: zo.frames(box(), views, occluder=zo.prepare(sphere(), "exact"))),
         (
-            "occluder must be of the mesh",
+            "occluder must be prepared for the mesh",
+            lambda: zo.frames(box(), views, occluder=zo.prepare(sphere(), "exact")),
+        ),
+        (
+            "occluder must be prepared for the mesh",
             lambda: zo.scan(box(), "vlp-16", range=3, occluder=zo.prepare(sphere(), "exact")),
         ),
         *(

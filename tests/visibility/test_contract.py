@@ -29,7 +29,7 @@ AGREEMENT = {
     "hidden_point_removal": (0.85, 0.45),
 }
 
-CLOSED = r"the occluder must be open; it was closed\. Prepare the mesh again\."
+CLOSED = r"This visibility query is closed\. Call prepare\(\) again\."
 
 
 def scene() -> zo.Mesh:
@@ -103,7 +103,7 @@ def test_eyes_on_the_surface_are_answered(method: Method, occluder: VisibilityQu
     corners = SCENE.corners[:: len(SCENE.faces) // 3]
     eyes = np.concatenate([POINTS.positions[::500], corners[:, 0], corners[:, :2].mean(axis=1), corners.mean(axis=1)])
     assert occluder.visible(POINTS, eyes).shape == (len(eyes), len(POINTS))
-    if not method.no_first_hits:
+    if not method.ray_casting_unsupported_reason:
         assert len(occluder.first_hits(eyes, np.ones_like(eyes)).face_ids) == len(eyes)
 
 

@@ -14,7 +14,7 @@ from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import Atlas
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.visibility import depth_buffer
-from zbuf_occlude.visibility.pyrender import depth_test, window_places
+from zbuf_occlude.visibility.pyrender import depth_test, window_coordinates
 
 CHAIR = shapes.make("chair", 3).normalized()
 EYES = views.fibonacci(5).eyes
@@ -37,7 +37,7 @@ class Drawn(NamedTuple):
 
     def undecided(self, resolution: int) -> np.ndarray:
         """Points so near a pixel's border, or the middle of one, that float32 may put them on its other side."""
-        x, y, _ = window_places(self.view, self.frustum, self.points.positions, (resolution, resolution))
+        x, y, _ = window_coordinates(self.view, self.frustum, self.points.positions, (resolution, resolution))
         return np.asarray(np.min([np.abs(2 * v - np.round(2 * v)) for v in (x, y)], axis=0) < 2e-3)
 
 
@@ -46,7 +46,7 @@ def draw(
 ) -> tuple[Drawn, np.ndarray]:
     answer = occluder.visible(points, eye[None])[0]
     depths, drawn = occluder._pass(1).atlas.read(0)
-    faces = np.append(np.argsort(occluder._arrays.places), -1)  # of the mesh, by their place in the order of drawing
+    faces = np.append(np.argsort(occluder._arrays.ranks), -1)  # of the mesh, in drawing order
     unit = occluder._unit
     fits, pictures = single_pictures(unit.to(eye[None]), unit.to(mesh.vertices[np.unique(mesh.faces)]), resolution)
     assert fits.all()

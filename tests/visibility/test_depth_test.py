@@ -4,7 +4,7 @@ import numpy as np
 
 from zbuf_occlude.geometry.camera import Frusta, view_matrices
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.pyrender import depth_slopes, depth_test, window_places
+from zbuf_occlude.visibility.pyrender import depth_slopes, depth_test, window_coordinates
 
 FRUSTUM = Frusta(*(np.float64(bound) for bound in (-0.5, 1.0, -1.0, 0.5, 1.0, 9.0)))
 VIEW = view_matrices([[4.0, 1.0, 2.0]], [0.0, 0.0, 0.0])[0]
@@ -25,7 +25,7 @@ def test_deeper_than_the_image_by_more_than_the_tolerance_is_hidden() -> None:
 
 
 def test_rows_count_from_below() -> None:
-    x, y, depth = window_places(VIEW, FRUSTUM, world([[-2.5, -5.0, -5.0], [5.0, 2.5, -5.0]]), (60, 30))
+    x, y, depth = window_coordinates(VIEW, FRUSTUM, world([[-2.5, -5.0, -5.0], [5.0, 2.5, -5.0]]), (60, 30))
     assert np.allclose(x, [0, 60])
     assert np.allclose(y, [0, 30])
     assert np.allclose(depth, 5)

@@ -11,7 +11,7 @@ from tests.random_scenes import KINDS, triangles, wrong_answers
 from tests.scenes import needles, row_in_a_plane, soup, sphere, together
 from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, WorkGroup, best_shape
+from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, WorkGroup, best_work_group
 from zbuf_occlude.visibility import exact_gl, oracle
 
 
@@ -29,8 +29,8 @@ def eyes_of(mesh: zo.Mesh, points: zo.SurfacePoints) -> np.ndarray:
 
 def differing(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, gl: GlContext) -> int:
     """Count the pairs that differ from the oracle's."""
-    with oracle.prepare(mesh) as judge, exact_gl.prepare(mesh, gl=gl) as occluder:
-        return int((judge.visible(points, eyes) != occluder.visible(points, eyes)).sum())
+    with oracle.prepare(mesh) as reference, exact_gl.prepare(mesh, gl=gl) as occluder:
+        return int((reference.visible(points, eyes) != occluder.visible(points, eyes)).sum())
 
 
 @pytest.mark.parametrize("index", range(2 * len(KINDS)))
@@ -110,13 +110,13 @@ def test_the_shape_of_the_work_changes_no_answer(
 
 @pytest.mark.parametrize("shapes", [SOFTWARE, HARDWARE])
 def test_packets_are_smaller_where_points_are_sparse(shapes: tuple[tuple[float, WorkGroup], ...]) -> None:
-    packets = [best_shape(shapes, n_points, 1000).packet for n_points in (1, 300, 3000, 10**6)]
+    packets = [best_work_group(shapes, n_points, 1000).packet for n_points in (1, 300, 3000, 10**6)]
     assert packets == sorted(packets)
     assert packets[0] <= 8
     assert packets[-1] >= 64
 
 
-def work_of(mesh: zo.Mesh, points: zo.SurfacePoints, gl: GlContext) -> exact_pass.Work:
+def work_of(mesh: zo.Mesh, points: zo.SurfacePoints, gl: GlContext) -> exact_pass.WorkCounts:
     eyes = zo.views.paper100().eyes[::20] * mesh.diagonal + mesh.centre
     contact = 1e-5 * mesh.diagonal
     engine = exact_pass.ExactPass(gl, mesh, contact, counting=True)

@@ -39,7 +39,7 @@ Rays = tuple[np.ndarray, np.ndarray]
 
 
 def casting() -> list[Method]:
-    return [method for method in METHODS if not method.no_first_hits]
+    return [method for method in METHODS if not method.ray_casting_unsupported_reason]
 
 
 @pytest.fixture(scope="module", params=casting(), ids=lambda method: method.name)
@@ -59,13 +59,13 @@ def rays(method: Method) -> Rays:
 def wrong(method: Method, mesh: zo.Mesh, found: FirstHits, origins: np.ndarray, directions: np.ndarray) -> float:
     """Fraction of rays with another answer than the oracle's: for an exact method any difference; for another, a face
     more than the contact tolerance nearer or farther."""
-    judge = oracle.prepare(mesh)
-    truth = judge.first_hits(origins, directions)
+    reference = oracle.prepare(mesh)
+    truth = reference.first_hits(origins, directions)
     with np.errstate(invalid="ignore"):
         apart = np.where(found.distances == truth.distances, 0.0, np.abs(found.distances - truth.distances))
     if method.exact:
         return float(((found.face_ids != truth.face_ids) | (apart > 1e-8 * truth.distances)).mean())
-    return float((apart > judge.contact).mean())
+    return float((apart > reference.contact).mean())
 
 
 def allowed(method: Method) -> float:
@@ -74,8 +74,8 @@ def allowed(method: Method) -> float:
 
 def test_a_method_without_first_hits_says_why() -> None:
     for row in METHODS:
-        if row.no_first_hits and not row.missing() and not row.needs_gl:
-            with zo.prepare(box(), row.name) as occluder, pytest.raises(UnavailableError, match="must be asked of a"):
+        if row.ray_casting_unsupported_reason and not row.missing() and not row.needs_gl:
+            with zo.prepare(box(), row.name) as occluder, pytest.raises(UnavailableError, match="cannot cast rays"):
                 occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
 
 
@@ -176,8 +176,8 @@ def test_rays_from_far_away_meet_what_they_meet_from_nearer(name: str, diagonals
     origins, directions = random_rays(1000, 8)
     units = directions / np.linalg.norm(directions, axis=1)[:, None]
     near = origins - 2.0 * SCENE.diagonal * units
-    judge, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
-    truth = judge.first_hits(near, directions)
+    reference, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
+    truth = reference.first_hits(near, directions)
     with zo.prepare(SCENE, name) as occluder:
         found = occluder.first_hits(near - skipped * units, directions)
     assert (truth.face_ids >= 0).mean() > 0.3
@@ -231,7 +231,7 @@ def test_bad_arguments(prepare: Prepare, origins: list[float], directions: list[
 def test_closing(prepare: Prepare) -> None:
     with prepare(SCENE) as occluder:
         pass
-    with pytest.raises(zo.ArgumentError, match="it was closed"):
+    with pytest.raises(zo.ArgumentError, match="query is closed"):
         occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
 
 

@@ -38,11 +38,11 @@ def test_equals_rational_arithmetic_on_small_integer_meshes(
     assume(mesh.diagonal > 0)
     positions = np.asarray([p for p, _ in points], dtype=float)
     own = [min(face, len(faces) - 1) for _, face in points]
-    judge = oracle.prepare(mesh, contact=contact)
-    answer = judge.visible(zo.SurfacePoints(positions, own, positions * 0), np.asarray(eyes, dtype=float))
+    reference = oracle.prepare(mesh, contact=contact)
+    answer = reference.visible(zo.SurfacePoints(positions, own, positions * 0), np.asarray(eyes, dtype=float))
     for j, eye in enumerate(eyes):
         for i, point in enumerate(positions):
-            assert answer[j, i] == sees(mesh, np.asarray(eye, dtype=float), point, own[i], judge.contact)
+            assert answer[j, i] == sees(mesh, np.asarray(eye, dtype=float), point, own[i], reference.contact)
 
 
 @pytest.mark.parametrize("distance", [1.2, 2.0, 4.0, 100.0])
@@ -90,10 +90,10 @@ def test_the_band_is_where_a_hair_decides() -> None:
     offsets = np.array([-2.0, -0.5, 0.5, 2.0]) * hair
     free = zo.SurfacePoints.free(np.stack([1.0 + offsets, np.full(4, 0.5), np.full(4, -1.0)], axis=1))
     eye = np.array([[1.0, 0.5, 1.0]])  # the edge is half way to the points, and the points' ends are what moves
-    judge = oracle.prepare(mesh)
-    assert judge.visible(free, eye).tolist() == [[False, False, True, True]]
-    assert judge.decided(free, eye).tolist() == [[True, False, False, True]]
-    assert judge.decided(free, eye, width=1e-7).all()
+    reference = oracle.prepare(mesh)
+    assert reference.visible(free, eye).tolist() == [[False, False, True, True]]
+    assert reference.decided(free, eye).tolist() == [[True, False, False, True]]
+    assert reference.decided(free, eye, width=1e-7).all()
 
 
 def test_contact_is_part_of_the_band() -> None:
@@ -137,10 +137,10 @@ def test_silhouette_distance_and_band_agree() -> None:
         np.stack([rng.uniform(0.99, 1.01, 500), np.full(500, 0.5), np.full(500, -1.0)], axis=1)
     )
     eye = np.array([[1.0, 0.5, 1.0]])
-    judge = oracle.prepare(mesh)
-    distance = judge.silhouette_distance(free, eye, np.array([1e-3, 2e-3]))
+    reference = oracle.prepare(mesh)
+    distance = reference.silhouette_distance(free, eye, np.array([1e-3, 2e-3]))
     assert set(np.unique(distance)) == {1e-3, 2e-3, np.inf}
-    assert (judge.decided(free, eye, width=1e-3) == (distance > 1e-3)).all()
+    assert (reference.decided(free, eye, width=1e-3) == (distance > 1e-3)).all()
 
 
 def test_runs_whose_boxes_are_passed_over_hide_nothing() -> None:

@@ -7,9 +7,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.point_pass import MOST_HIDDEN
+from zbuf_occlude.gl.point_pass import MAX_HIDDEN
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.visibility.pyrender import window_places
+from zbuf_occlude.visibility.pyrender import window_coordinates
 
 
 def votes(
@@ -22,7 +22,7 @@ def votes(
     at the point's own depth. `low` (n, 2) are column and row of the lower left of each point's four pixels.
     """
     size = depths.shape[1], depths.shape[0]
-    x, y, depth = window_places(view, frustum, points.positions, size)
+    x, y, depth = window_coordinates(view, frustum, points.positions, size)
     normals = points.normals @ view[:3, :3].T
     positions = points.positions @ view[:3, :3].T + view[:3, 3]
     plane = (normals * positions).sum(axis=1)
@@ -56,11 +56,11 @@ def witness_test(
 
     A witness is a face that blocks the line of sight by `predicates.blocks`, among those seen in the 6 x 6 pixels
     around the point. Without one, a point whose own face is seen in one of the four nearest pixels is visible; else
-    their votes are weighed by nearness against `MOST_HIDDEN`. The image is as in `pyrender.depth_test`; `seen` are its
+    their votes are weighed by nearness against `MAX_HIDDEN`. The image is as in `pyrender.depth_test`; `seen` are its
     faces, -1 for none.
     """
     height, width = depths.shape
-    x, y, _ = window_places(view, frustum, points.positions, (width, height))
+    x, y, _ = window_coordinates(view, frustum, points.positions, (width, height))
     low = np.floor(np.stack([x, y], axis=1) - 0.5).astype(np.int32)
     nearest = votes(depths, view, frustum, points, low, tolerance=tolerance)
     visible = np.asarray(~nearest.any(axis=(1, 2)))
@@ -76,7 +76,7 @@ def witness_test(
     high = np.stack([x, y], axis=1)[doubtful] - 0.5 - low[doubtful]
     weights = np.stack([1.0 - high, high], axis=2)  # of the lower and the upper pixel, by axis
     weighed = np.einsum("nr,nc,nrc->n", weights[:, 1], weights[:, 0], nearest[doubtful].astype(float))
-    visible[doubtful] = ~crossed & (own_seen | (weighed <= MOST_HIDDEN))
+    visible[doubtful] = ~crossed & (own_seen | (weighed <= MAX_HIDDEN))
     return visible
 
 

@@ -44,7 +44,7 @@ def methods_command(as_json: bool) -> None:
                 "needs_gl": method.needs_gl,
                 "extra": method.extra,
                 "missing": method.missing(),
-                "no_first_hits": method.no_first_hits,
+                "ray_casting_unsupported_reason": method.ray_casting_unsupported_reason,
                 "options": options,
             }
         )
@@ -52,7 +52,11 @@ def methods_command(as_json: bool) -> None:
         echo(json.dumps(rows, indent=2))
         return
     for row in rows:
-        flags = (("exact", row["exact"]), ("GL", row["needs_gl"]), ("first hits", not row["no_first_hits"]))
+        flags = (
+            ("exact", row["exact"]),
+            ("GL", row["needs_gl"]),
+            ("first hits", not row["ray_casting_unsupported_reason"]),
+        )
         tags = ", ".join(tag for tag, on in flags if on)
         echo(f"{row['name']}{f'  [{tags}]' if tags else ''}\n    {row['summary']}")
         if row["options"]:

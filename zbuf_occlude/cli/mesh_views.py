@@ -38,7 +38,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.visibility.interface import cure_of
+from zbuf_occlude.visibility.interface import contact_advice
 from zbuf_occlude.visible_surface import Coverage
 from zbuf_occlude.visible_surface import coverage as measure_coverage
 
@@ -125,8 +125,7 @@ def visible_command(
     warn_inside(loaded, view.eyes)
     if subject is loaded and "contact" not in options:
         warn_of_far_faces(loaded)
-    with prepare(subject, method, **options) as occluder:
-        occluder.warns = False
+    with prepare(subject, method, warn=False, **options) as occluder:
         seen = occluder.visible(samples, view.eyes) & view.in_frustum(samples.positions)
         renderer = occluder.renderer
     by_any = seen.any(axis=0)
@@ -194,7 +193,7 @@ def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
 def warn_of_far_faces(mesh: Mesh) -> None:
     """Warn of faces so far away that the contact tolerance is too large for all others."""
     if far := far_faces(mesh):
-        echo(f"warning: {far.said(mesh)}. {cure_of(far, mesh)}", err=True)
+        echo(f"warning: {far.summary(mesh)}. {contact_advice(far, mesh)}", err=True)
 
 
 def _write_cloud(

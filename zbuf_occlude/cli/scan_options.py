@@ -32,7 +32,7 @@ SCAN_OPTIONS = (
 """Names of the parameters that `scan_options` adds."""
 
 
-CASTING = [method.name for method in METHODS if not method.no_first_hits]
+CASTING = [method.name for method in METHODS if not method.ray_casting_unsupported_reason]
 """Names of the methods that cast rays."""
 
 

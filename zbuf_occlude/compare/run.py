@@ -151,7 +151,6 @@ class Reference:
                 return ReferenceAnswer(**{name: stored[name] for name in stored.files})
         points, eyes = question.points.select(np.arange(n)), question.views.eyes
         with prepare_oracle(question.mesh) as oracle:
-            oracle.warns = False  # the compared method warns
             widths = np.array(metrics.SILHOUETTE_EDGES) / metrics.FOOTPRINTS
             expected = ReferenceAnswer(
                 truth=oracle.visible(points, eyes),
@@ -169,7 +168,6 @@ class Reference:
 
         n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
-            oracle.warns = False  # the compared method warns
             return oracle.visible(question.points.select(np.arange(n)), question.views.eyes[view : view + 1])[0]
 
 

@@ -28,7 +28,7 @@ from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT, cure_of
+from zbuf_occlude.visibility.interface import CONTACT, contact_advice
 
 CHECKED_POINTS = 64
 """At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
@@ -81,8 +81,8 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
         occluder, renderer = None, "none"
         if not recipe.complete:
             options = dict(recipe.method_options or {})
-            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **options))
-            occluder.warns = False  # the manifest counts them
+            # the manifest counts views inside the mesh and meshes with far faces
+            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, warn=False, **options))
             renderer = occluder.renderer
         for variation in range(recipe.variations):
             points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), QualityCounts()
@@ -150,7 +150,7 @@ def count_mesh(mesh: Mesh, recipe: DatasetConfig) -> QualityCounts:
     keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
     far = far_faces(mesh) if keeps_contact else None
     if far is not None:
-        _LOG.warning("%s. %s", far.said(mesh), cure_of(far, mesh))
+        _LOG.warning("%s. %s", far.summary(mesh), contact_advice(far, mesh))
     return QualityCounts(
         faces_dropped=mesh.dropped,
         n_without_colors=int(lacking),
@@ -176,8 +176,7 @@ def check(
     n_views = min(max(1, n_pairs // CHECKED_POINTS), len(views))
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
-    with prepare(mesh, "oracle") as oracle:
-        oracle.warns = False
+    with prepare(mesh, "oracle", warn=False) as oracle:
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)

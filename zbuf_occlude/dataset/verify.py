@@ -230,7 +230,6 @@ def _ask_oracle(
         points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
         eye = (-rotation.T @ translation)[None]
         with prepare_oracle(mesh) as oracle:
-            oracle.warns = False
             hidden = points.select(~oracle.visible(points, eye)[0])
             # where the line of sight grazes the surface, the answer for a point that was moved is by chance
             moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal

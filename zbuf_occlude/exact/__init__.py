@@ -1,7 +1,7 @@
-"""The engine of `exact`: hidden-surface removal in image space on the CPU, every doubt decided by the definition.
+"""Engine of `exact`: hidden-surface removal in image space on the CPU; float64 decides what float32 cannot.
 
-A mesh becomes a BVH, points become packets, eyes become views, and each view is searched; rays are cast. docs/exact.md
-tells the idea.
+A mesh becomes a BVH, points become packets, and eyes become views. Each view is searched, or rays are cast.
+docs/exact.md explains the idea.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from zbuf_occlude.exact.search import answer_pairs, find_visible, find_visible_o
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
-FEW_POINTS_PER_LEAF = 1
-"""Fewer points per leaf are looked at one by one: an eye would see mostly other leaves."""
+MIN_POINTS_PER_LEAF = 1
+"""Below this many points per leaf, each point is tested alone: grouping them does not pay."""
 
 
 class Engine:
-    """A prepared mesh; `contact` is the contact tolerance, world units.
+    """Prepared mesh; `contact` is the contact tolerance in world units.
 
-    Costs O(f log f) once, then O(n) for each set of points, and for each eye about n log f.
+    Preparing costs O(f log f), each set of points O(n), and each eye about O(n log f).
     """
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
@@ -31,7 +31,7 @@ class Engine:
         """Return which of n points each of k eyes sees; (k, n) bool."""
         if len(self._bvh.face_ids) == 0:  # no face that could block
             return np.ones((len(eyes), len(points)), dtype=bool)
-        if len(points) < FEW_POINTS_PER_LEAF * len(self._bvh.face_ids):
+        if len(points) < MIN_POINTS_PER_LEAF * len(self._bvh.face_ids):
             return find_visible_one_by_one(self._bvh, points, eyes)
         return find_visible(self._bvh, points, eyes)
 
@@ -43,9 +43,9 @@ class Engine:
         pairs: tuple[NDArray[np.int64], ...],
         visible: BoolArray,
     ) -> None:
-        """Write to (k, n) `visible` whether the eye sees the point, of pairs of eye and point alone.
+        """Write the answers of chosen pairs of eye and point to `visible`, (k, n).
 
-        `pairs` are two arrays of their numbers; positions (n, 3) and face_ids (n,) are the points', eyes (k, 3).
+        `pairs` holds two arrays: indices into `eyes` (k, 3), and into `positions` (n, 3) and `face_ids` (n,).
         """
         if len(self._bvh.face_ids) == 0:
             visible[pairs] = True
@@ -53,5 +53,5 @@ class Engine:
             answer_pairs(self._bvh, positions, face_ids, eyes, pairs, visible.view(np.uint8))
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return which face n rays meet first, (n,) int32, -1 for none, and the eye distance, (n,) float64."""
+        """Return the first face that each of n rays meets, (n,) int32, -1 for none, and its distance, (n,) float64."""
         return find_first_hits(self._bvh, origins, directions)

@@ -1,4 +1,4 @@
-"""The bounding volume hierarchy: leaves of 16 faces that are near each other, and a tree of up to 16 children a node.
+"""Bounding volume hierarchy: leaves of 16 neighbouring faces, nodes of up to 16 children.
 
 Scene space is world space moved and scaled so that the mesh fits into the unit sphere.
 """
@@ -9,11 +9,11 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import F32_MAX, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, indices_of, new_cells, place_along_curve
+from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, hilbert_codes, indices_of, new_cells
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import is_flat
 from zbuf_occlude.jit.compiler import always_inline, device_function, njit
-from zbuf_occlude.jit.pointer import reference
+from zbuf_occlude.jit.pointer import pointer_to
 from zbuf_occlude.jit.simd import (
     greater,
     load,
@@ -29,55 +29,57 @@ from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 WEAK_NORMAL = 1e-6
-"""A face whose normal is shorter than this times its longest edge squared has no float32 plane: float64 decides it."""
-LONG = 0.125
-"""Faces longer than this fraction of the mesh's longest side are grouped among themselves."""
+"""Shortest normal, as a share of the longest edge squared, of a face with a float32 plane; float64 decides others."""
+LONG_FRACTION = 0.125
+"""Length, as a share of the mesh's longest side, above which faces get leaves of their own."""
 RUN_FACES = 512
-"""Faces that are halved together, a multiple of `LEAF`."""
+"""Faces of a run, which one thread divides into leaves; a multiple of `LEAF`."""
 THREAD_RUNS = 4
-"""Runs that are worth another thread: fewer are done before it wakes."""
+"""Minimum runs per extra thread; below this, waking it costs more."""
 ROW, CENTRE = 16, 6
-"""Numbers of a row (`_put_row`), and where those of the centre begin."""
-PLACES = 512
-"""Places along an axis that the faces of a run are sorted by; those at one place stay in the order of the curve."""
-BINS = 16
-"""Leaves are divided at one of this many places."""
-PLACE_BITS = 3 * CODE_BITS
-"""Bits of a face's place along the curve."""
+"""Length of a row (`_put_row`), and the index of its first number of the centre."""
+SORT_KEYS = 512
+"""Number of sort keys along an axis of a run; faces of equal key keep the order of the curve."""
+SAH_BINS = 16
+"""Number of bins of the surface area heuristic that divides leaves among nodes."""
+CURVE_BITS = 3 * CODE_BITS
+"""Bits of a Hilbert code."""
 LONG_FACE, NO_FACE = 1, 2
-"""Kinds of faces, by which they are sorted first: long ones, and those that block nothing; short ones are 0."""
+"""Kinds of faces in the highest bits of the sort key: long faces, and faces that block nothing; short faces are 0."""
 
 
 class Bvh(NamedTuple):
-    """A prepared mesh. A face's *row* is 16 x its leaf + its place in there."""
+    """Prepared mesh. A face's *row* is 16 x its leaf + its lane in the leaf."""
 
     centre: FloatArray  # (3,) world space
     scale: float  # scene units per world unit
     contact: float  # the contact tolerance, scene units
     face_ids: IntArray  # (m leaves, 16) faces of each leaf, -1 where there is none
-    rows: IntArray  # (f + 1,) row of each face, -1 for those that cannot block; the last one, -1, is that of no face
+    rows: IntArray  # (f + 1,) row of each face, -1 for one that cannot block; the last entry, -1, stands for no face
     corners: Float32  # (m, 3 corners, 3 axes, 16 faces) scene space
     planes: Float32  # (m, 4, 16) unit normal and offset of each face: n . p = offset on it
-    used: Int64  # (m,) masks of the faces that there are in each leaf
-    weak: Int64  # (m,) masks of the faces without a float32 plane (`WEAK_NORMAL`)
-    boxes: Float32  # (6 n, 16) of the children of n nodes, those of node i from row 6 i on; node 0 is the root
-    children: IntArray  # (16 n,) their nodes, or ~leaf
-    n_children: IntArray  # (n,) how many each node has, the first of its 16
-    depth: int  # nodes on the longest way from the root to a leaf
+    used: Int64  # (m,) mask of the lanes of each leaf that hold a face
+    weak: Int64  # (m,) mask of the faces of each leaf without a float32 plane (`WEAK_NORMAL`)
+    boxes: Float32  # (6 n, 16) boxes of the children of n nodes; node i starts at row 6 i, node 0 is the root
+    children: IntArray  # (16 n,) node of each child, or ~leaf
+    n_children: IntArray  # (n,) number of children of each node, which fill the first of its 16 lanes
+    depth: int  # nodes on the longest path from the root to a leaf
     vertices: FloatArray  # (v, 3) world space
     faces: IntArray  # (f, 3)
     world_contact: float
 
 
 def build_bvh(mesh: Mesh, contact: float) -> Bvh:
-    """Prepare a mesh; `contact` is the contact tolerance in world units. O(f log f), about 70 bytes per face.
+    """Build the hierarchy of a mesh; `contact` is the contact tolerance in world units.
 
     Notes
     -----
+    O(f log f), about 70 bytes per face.
+
     Faces whose corners lie on one line are left out: by definition (`geometry.predicates.blocks`) they block nothing.
     Long faces would enlarge the boxes of short ones, so they get leaves of their own. Runs of `RUN_FACES` faces along
-    the Hilbert curve are halved by the surface area heuristic, down to leaves. (Runs of 16 faces of the curve itself
-    have larger boxes: points meet 20 % more of them.) Leaves are divided likewise, into the children of nodes.
+    the Hilbert curve are halved by the surface area heuristic, down to leaves. (Leaves of 16 consecutive faces of the
+    curve have larger boxes: points meet 20 % more of them.) The same heuristic divides leaves among nodes.
 
     References
     ----------
@@ -118,7 +120,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
 
 @always_inline
 def corners_of(bvh, face):
-    """Corners of a face, world space."""
+    """Return the corners of a face, world space."""
     a, b, c = bvh.faces[face, 0], bvh.faces[face, 1], bvh.faces[face, 2]
     return _vertex(bvh, a), _vertex(bvh, b), _vertex(bvh, c)
 
@@ -130,27 +132,27 @@ def _vertex(bvh, i):
 
 @always_inline
 def _corner(vertices, faces, i):
-    """Corner i of all faces' one after the other."""
+    """Return corner i of the faces' corners in sequence: corner i % 3 of face i // 3."""
     at = 3 * np.int64(load_unchecked(faces, i))
     return load_unchecked(vertices, at), load_unchecked(vertices, at + 1), load_unchecked(vertices, at + 2)
 
 
 def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
-    """Return the faces along the curve: short, long, those that block nothing; how many are short, and can block."""
+    """Return face ids along the curve (short, long, non-blocking), and the numbers of short and blocking faces."""
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
     parallel_for(_measure_faces, n_blocks(n_faces, THREAD), *measured, own=new_cells)
     keys.sort()
-    kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + PLACE_BITS)
+    kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + CURVE_BITS)
     n_short, n = np.searchsorted(keys, kinds)
     return indices_of(keys, index_bits), int(n_short), int(n)
 
 
 @parallel_kernel
 def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
-    """Give each face the key that sorts it: what kind it is, its centre's place along the curve, its number."""
+    """Write the sort key of each face: its kind, the Hilbert code of its centre, its id."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     first, last = take_block(tasks, len(faces), BLOCK)
     while first < last:
@@ -164,22 +166,22 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
                 cells[axis, face - first] = np.int64((0.5 * (lower + upper) - low[axis]) * scale)
             normal = cross(minus(b, a), minus(c, a))
             blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0) or not is_flat(a, b, c)
-            keys[face] = np.int64(extent > LONG * side) if blocks else NO_FACE
-        place_along_curve(cells, last - first, CODE_BITS)
+            keys[face] = np.int64(extent > LONG_FRACTION * side) if blocks else NO_FACE
+        hilbert_codes(cells, last - first, CODE_BITS)
         for face in range(first, last):
-            key = np.int64(keys[face]) << PLACE_BITS | np.int64(cells[0, face - first])
+            key = np.int64(keys[face]) << CURVE_BITS | np.int64(cells[0, face - first])
             keys[face] = key << index_bits | face
         first, last = take_block(tasks, len(faces), BLOCK)
 
 
-# Rows: a box in a vector of 16, so that boxes are joined by one minimum
+# Rows: a box is a vector of 16 numbers, so that one minimum joins two boxes
 
 
 @always_inline
 def _put_row(rows, i, axis, lower, upper):
-    """Write what row i has of an axis: the lower bound, the upper one negated; likewise their sum, twice the centre.
+    """Write row i along an axis: the lower and the negated upper bound; then their sum, twice the centre, and minus it.
 
-    The last four numbers of a row mean nothing.
+    The last four numbers of a row are unused.
     """
     at = ROW * i + axis
     rows[at], rows[at + UPPER] = lower, -upper
@@ -188,15 +190,18 @@ def _put_row(rows, i, axis, lower, upper):
 
 @device_function
 def _half_area(rows, i):
-    """Half the area of the box of a row."""
+    """Return half the area of the box of a row."""
     lower, upper = load_scalar3(rows, ROW * i, 1), load_scalar3(rows, ROW * i + UPPER, 1)
-    x, y, z = lower[0] + upper[0], lower[1] + upper[1], lower[2] + upper[2]  # each is minus a side
+    x, y, z = lower[0] + upper[0], lower[1] + upper[1], lower[2] + upper[2]  # negated sides
     return x * y + y * z + z * x
 
 
 @device_function
 def _cheapest(rows, row, sizes, n, areas):
-    """Least cost of halving n rows, from one on, of such sizes, and after how many; the last row is scratch."""
+    """Return the least cost of dividing n rows in two, and the number of rows in the first part.
+
+    The rows start at `row` and hold `sizes` leaves or faces each; the last of `rows` is scratch.
+    """
     last = len(rows) // ROW - 1
     joined, behind = load(rows, ROW * (row + n - 1)), 0
     for i in range(n - 1, 0, -1):
@@ -221,21 +226,21 @@ def _cheapest(rows, row, sizes, n, areas):
 
 
 class Scratch(NamedTuple):
-    """What a thread needs to halve a run."""
+    """Working memory of a thread that divides a run into leaves."""
 
-    corners: FloatArray  # (RUN_FACES, 3 corners, 3 axes) of its faces, scene space
-    boxes: Float32  # rows (`_put_row`) of its faces
-    orders: IntArray  # (3, RUN_FACES) its faces along each axis; at last the first row has those of each leaf
+    corners: FloatArray  # (RUN_FACES, 3 corners, 3 axes) corners of the faces, scene space
+    boxes: Float32  # (RUN_FACES,) rows (`_put_row`) of the faces
+    orders: IntArray  # (3, RUN_FACES) the faces along each axis; finally row 0 holds the faces leaf by leaf
     spare: IntArray  # (RUN_FACES,)
-    places: IntArray  # (RUN_FACES,) of its faces along an axis, or in the order that a segment is halved in
-    counts: IntArray  # (PLACES + 1,) of faces at each place, or in each leaf
-    leaves: IntArray  # (RUN_FACES,) of the faces, from the run's first on
-    groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and one more
-    sizes: Int64  # (RUN_FACES / 16,) how many faces the groups have
-    areas: Float32  # (RUN_FACES / 16,) of the groups from each on
-    segments: Int64  # (RUN_FACES / 16 + 1, 3) those to be halved: first and last, and an axis with groups
-    lanes: FloatArray  # (9, 16) the corners of a leaf's faces
-    planes: Float32  # (14, 16) the same rounded, four numbers of the plane, and 1 for the weak
+    keys: IntArray  # (RUN_FACES,) sort keys along an axis, or ranks in the order in which a segment is halved
+    counts: IntArray  # (SORT_KEYS + 1,) faces of each key, or of each leaf
+    leaves: IntArray  # (RUN_FACES,) leaf of each face, counted from the run's first leaf
+    groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and a spare one
+    sizes: Int64  # (RUN_FACES / 16,) faces of each group
+    areas: Float32  # (RUN_FACES / 16,) half the area of the box around each group and those after it
+    segments: Int64  # (RUN_FACES / 16 + 1, 3) stack of segments: first, end, and the axis whose groups are joined
+    lanes: FloatArray  # (9, 16) corners of a leaf's faces
+    planes: Float32  # (14, 16) the corners rounded, normal and offset of the plane, and 1 for a weak normal
 
 
 def _new_scratch() -> Scratch:
@@ -245,8 +250,8 @@ def _new_scratch() -> Scratch:
         boxes=aligned(RUN_FACES * ROW),
         orders=np.empty((3, RUN_FACES), dtype=np.int32),
         spare=np.empty(RUN_FACES, dtype=np.int32),
-        places=np.empty(RUN_FACES, dtype=np.int32),
-        counts=np.empty(PLACES + 1, dtype=np.int32),
+        keys=np.empty(RUN_FACES, dtype=np.int32),
+        counts=np.empty(SORT_KEYS + 1, dtype=np.int32),
         leaves=np.empty(RUN_FACES, dtype=np.int32),
         groups=aligned((3 * n + 1) * ROW),
         sizes=np.empty(n, dtype=np.int64),
@@ -259,8 +264,8 @@ def _new_scratch() -> Scratch:
 
 @parallel_kernel
 def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
-    """Make leaves of runs of faces, the short ones first, and fill in what a BVH has of them."""
-    bvh_at, scratch_at = reference(bvh), reference(scratch)
+    """Divide runs of faces into leaves, short faces first, and fill in the hierarchy's arrays of leaves."""
+    bvh_at, scratch_at = pointer_to(bvh), pointer_to(scratch)
     n_runs, n_leaves = (n_short + RUN_FACES - 1) // RUN_FACES, (n_short + LEAF - 1) // LEAF
     while True:
         run = next_task(tasks)
@@ -282,7 +287,7 @@ def _fill_runs(tasks, bvh, order, n_short, leaf_boxes, scratch):
 def _read_corners(bvh, faces, scratch):
     """Fill in the corners of a run's faces, in scene space, and the rows of their boxes."""
     corners, x, y, z, scale = scratch.corners, bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
-    for i in range(len(faces)):  # apart from what follows, so that the processor waits for many vertices at a time
+    for i in range(len(faces)):  # a loop of its own, so that many vertices are fetched at a time
         for corner in range(3):
             p, at = (
                 _corner(bvh.vertices, bvh.faces, 3 * np.int64(load_unchecked(faces, i)) + corner),
@@ -300,7 +305,7 @@ def _read_corners(bvh, faces, scratch):
 
 @device_function
 def _halve_run(n, scratch):
-    """Halve segments of the n faces of a run until they are leaves; ``scratch.leaves`` has the leaf of each face."""
+    """Halve segments of the n faces of a run down to leaves; write the leaf of each face to ``scratch.leaves``."""
     joined = load(scratch.boxes, 0)
     for i in range(1, n):
         joined = minimum(joined, load(scratch.boxes, ROW * i))
@@ -327,31 +332,31 @@ def _halve_run(n, scratch):
 
 @device_function
 def _sort_along(axis, n, scratch):
-    """Sort the n faces of a run by their centres along an axis, to `PLACES` steps; row 0 of groups joins all boxes."""
-    boxes, places, counts = scratch.boxes, scratch.places, scratch.counts
+    """Sort the n faces of a run by their centres along an axis; row 0 of groups is the box around all of them."""
+    boxes, keys, counts = scratch.boxes, scratch.keys, scratch.counts
     low, high = load_scalar(scratch.groups, CENTRE + axis), -load_scalar(scratch.groups, CENTRE + UPPER + axis)
     wide = high - low > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
-    scale = np.float32(PLACES * 0.9999) / (high - low) if wide else ZERO
+    scale = np.float32(SORT_KEYS * 0.9999) / (high - low) if wide else ZERO
     counts[:] = 0
     for i in range(n):
-        place = np.int64((load_scalar(boxes, ROW * i + CENTRE + axis) - low) * scale)
-        store_unchecked(places, i, place)
-        store_unchecked(counts, place + 1, load_unchecked(counts, place + 1) + 1)
-    for i in range(PLACES):
+        key = np.int64((load_scalar(boxes, ROW * i + CENTRE + axis) - low) * scale)
+        store_unchecked(keys, i, key)
+        store_unchecked(counts, key + 1, load_unchecked(counts, key + 1) + 1)
+    for i in range(SORT_KEYS):
         counts[i + 1] += counts[i]
     for i in range(n):
-        place = np.int64(load_unchecked(places, i))
-        at = np.int64(load_unchecked(counts, place))
+        key = np.int64(load_unchecked(keys, i))
+        at = np.int64(load_unchecked(counts, key))
         store_unchecked(scratch.orders, RUN_FACES * axis + at, i)
-        store_unchecked(counts, place, at + 1)
+        store_unchecked(counts, key, at + 1)
 
 
 @device_function
 def _halve(first, last, known, scratch):
-    """Divide a segment at its cheapest: return where its second half begins, and along which axis.
+    """Divide a segment where the cost is least; return the start of its second half, and the axis.
 
-    The axis given has the rows of its groups. Along the others the first half's faces are put first, unless both
-    halves are leaves.
+    The groups along the axis `known` are joined already. Along the other axes the faces of the first half are moved to
+    the front, unless both halves are leaves.
     """
     orders, least, axis, half = scratch.orders, np.inf, 0, 0
     n = (last - first + LEAF - 1) // LEAF
@@ -365,16 +370,16 @@ def _halve(first, last, known, scratch):
     half *= LEAF
     if max(half, last - first - half) > LEAF:
         for i in range(first, last):
-            store_unchecked(scratch.places, np.int64(load_unchecked(orders, RUN_FACES * axis + i)), i)
+            store_unchecked(scratch.keys, np.int64(load_unchecked(orders, RUN_FACES * axis + i)), i)
         for other in range(3):
             if other != axis:
-                _partition(orders[other, first:last], scratch.places, first + half, scratch.spare)
+                _partition(orders[other, first:last], scratch.keys, first + half, scratch.spare)
     return first + half, axis
 
 
 @device_function
 def _join_groups(axis, first, last, scratch):
-    """Join the boxes of each 16 faces of a segment along an axis."""
+    """Join the boxes of every 16 faces of a segment along an axis."""
     boxes, orders, base = scratch.boxes, scratch.orders, RUN_FACES * axis
     for group in range(base + first, base + last, LEAF):
         joined = load(boxes, ROW * np.int64(load_unchecked(orders, group)))
@@ -384,14 +389,14 @@ def _join_groups(axis, first, last, scratch):
 
 
 @device_function
-def _partition(order, places, end, spare):
-    """Put what has a place before an end first, else keep the order; return how many these are."""
+def _partition(order, keys, end, spare):
+    """Move entries with a key below `end` to the front, else keep the order; return their number."""
     n = 0
-    for i in range(len(order)):  # without branches, which are hard to predict
+    for i in range(len(order)):  # without branches, which would be hard to predict
         which = load_unchecked(order, i)
         store_unchecked(order, n, which)
         store_unchecked(spare, i - n, which)
-        n += int(load_unchecked(places, np.int64(which)) < end)
+        n += int(load_unchecked(keys, np.int64(which)) < end)
     for i in range(n, len(order)):
         order[i] = spare[i - n]
     return n
@@ -399,7 +404,7 @@ def _partition(order, places, end, spare):
 
 @device_function
 def _share_out(bvh, faces, leaf, scratch):
-    """Give each leaf its faces in the order of the curve: points sorted by face then follow it too."""
+    """Write the faces of each leaf in the order of the curve, so that points sorted by face follow the curve too."""
     members, counts = scratch.orders, scratch.counts
     counts[: RUN_FACES // LEAF] = 0
     for i in range(len(faces)):
@@ -415,11 +420,11 @@ def _share_out(bvh, faces, leaf, scratch):
 
 @device_function
 def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
-    """Fill in what a BVH has of a leaf with n of a run's faces, from one on, and its box, rounded outwards."""
+    """Fill in the hierarchy's arrays of a leaf of n faces of a run, and its box, rounded outwards."""
     members, lanes = scratch.orders, scratch.lanes
     joined = load(scratch.boxes, ROW * np.int64(load_unchecked(members, first)))
     for lane in range(LEAF):
-        i = np.int64(load_unchecked(members, first + (lane if lane < n else 0)))  # what is not used has anything finite
+        i = np.int64(load_unchecked(members, first + (lane if lane < n else 0)))  # unused lanes repeat the first face
         joined = minimum(joined, load(scratch.boxes, ROW * i))
         for k in range(9):
             store_unchecked(lanes, LEAF * k + lane, load_unchecked(scratch.corners, 9 * i + k))
@@ -439,8 +444,8 @@ def _fill_leaf(bvh, first, n, leaf, leaf_boxes, scratch):
 
 @device_function
 def _fill_planes(lanes, planes):
-    """Of the corners of 16 faces: rounded, unit normals and offsets, and whether float64 cannot vouch for a normal."""
-    for i in range(LEAF):  # a loop without branches, which the compiler turns into vectors
+    """Write the rounded corners of 16 faces, their planes, and 1 where the normal is too inaccurate to use."""
+    for i in range(LEAF):  # without branches, so that the compiler vectorises it
         a = load_unchecked(lanes, i), load_unchecked(lanes, LEAF + i), load_unchecked(lanes, 2 * LEAF + i)
         b = (
             load_unchecked(lanes, 3 * LEAF + i),
@@ -471,16 +476,16 @@ def _fill_planes(lanes, planes):
 
 
 def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray, int]:
-    """Return the fields of a `Bvh` that are about nodes, of the rows of its leaves."""
+    """Return boxes, children, n_children and depth of a `Bvh` from the rows of its leaves."""
     n_leaves = len(leaf_boxes) // ROW
-    room = max(n_leaves, 1)  # more nodes than leaves there cannot be
+    room = max(n_leaves, 1)  # there are at most as many nodes as leaves
     boxes, children = np.zeros((room * 6, LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
     n_children, leaves = np.empty(room, dtype=np.int32), np.arange(n_leaves, dtype=np.int32)
     spans, parts = np.empty((room, 3), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
-    extents, bins = aligned(LEAF * ROW), aligned((2 * BINS + 1) * ROW)
-    sizes, areas = np.empty(BINS, dtype=np.int64), np.empty(BINS, dtype=np.float32)
-    (places, spare), numbers = np.empty((2, n_leaves), dtype=np.int32), np.arange(BINS, dtype=np.int32)
-    scratch = parts, extents, bins, sizes, areas, places, spare, numbers
+    extents, bins = aligned(LEAF * ROW), aligned((2 * SAH_BINS + 1) * ROW)
+    sizes, areas = np.empty(SAH_BINS, dtype=np.int64), np.empty(SAH_BINS, dtype=np.float32)
+    (keys, spare), numbers = np.empty((2, n_leaves), dtype=np.int32), np.arange(SAH_BINS, dtype=np.int32)
+    scratch = parts, extents, bins, sizes, areas, keys, spare, numbers
     n = _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
     used = aligned(n * 6, LEAF)
     used[:] = boxes[: n * 6]
@@ -489,10 +494,10 @@ def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray, int]:
 
 @njit(nogil=True, cache=True)
 def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children):
-    """Divide leaves into nodes' children, node after node; return how many nodes.
+    """Divide the leaves among nodes, node after node; return the number of nodes.
 
-    A node of at most 16 leaves has these as children. Else what has the largest box of its leaves is divided until
-    there are 16 parts, or none has more than 16 leaves.
+    The children of a node of at most 16 leaves are its leaves. Any other node's leaves are divided into parts: the part
+    with the largest box is halved until there are 16 parts, or none has more than 16 leaves.
     """
     parts, extents = scratch[0], scratch[1]
     n_nodes, node = 1, 0
@@ -531,7 +536,7 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
 
 @device_function
 def _put_part(rows, members, first, last, part, extents):
-    """Note the box of a part: that which joins some of the members' rows."""
+    """Write the box of a part: the join of the rows of members first to last - 1."""
     joined = load(rows, ROW * np.int64(load_unchecked(members, first)))
     for i in range(first + 1, last):
         joined = minimum(joined, load(rows, ROW * np.int64(load_unchecked(members, i))))
@@ -540,7 +545,7 @@ def _put_part(rows, members, first, last, part, extents):
 
 @device_function
 def _largest_part(parts, extents, n):
-    """Of n parts with more than 16 leaves, the one with the largest box; -1 for none."""
+    """Return the part with the largest box among those of more than 16 leaves; -1 for none."""
     largest, most = -1, np.float32(-1.0)
     for i in range(n):
         area = _half_area(extents, i)
@@ -551,33 +556,33 @@ def _largest_part(parts, extents, n):
 
 @device_function
 def _divide(leaf_boxes, leaves, part, other, scratch):
-    """Divide a part where its widest axis is cheapest, in two that are not empty; the second becomes part `other`."""
-    parts, extents, bins, sizes, areas, places, spare, numbers = scratch
+    """Halve a part along its widest axis where the cost is least; neither half is empty, the second is part `other`."""
+    parts, extents, bins, sizes, areas, keys, spare, numbers = scratch
     first, last = parts[part, 0], parts[part, 1]
     axis, width = 0, ZERO
     for each in range(3):
         at = ROW * part + CENTRE + each
         if -extents[at] - extents[at + UPPER] > width:
             axis, width = each, -extents[at] - extents[at + UPPER]
-    low, scale = extents[ROW * part + CENTRE + axis], np.float32(BINS * 0.9999) / width if width > ZERO else ZERO
+    low, scale = extents[ROW * part + CENTRE + axis], np.float32(SAH_BINS * 0.9999) / width if width > ZERO else ZERO
     sizes[:] = 0
-    for i in range(2 * BINS):
+    for i in range(2 * SAH_BINS):
         store(bins, ROW * i, splat(F32_MAX))
     for i in range(first, last):
         leaf = np.int64(load_unchecked(leaves, i))
         at = ROW * leaf
-        place = np.int64((load_scalar(leaf_boxes, at + CENTRE + axis) - low) * scale)
-        store_unchecked(places, leaf, place)
-        sizes[place] += 1
-        place += BINS * (i & 1)  # in turns, since neighbours often are at one place
-        store(bins, ROW * place, minimum(load(bins, ROW * place), load(leaf_boxes, at)))
-    for i in range(BINS):
-        store(bins, ROW * i, minimum(load(bins, ROW * i), load(bins, ROW * (BINS + i))))
-    n = _cheapest(bins, 0, sizes, BINS, areas)[1]
-    middle = first + _partition(leaves[first:last], places, n, spare)
+        key = np.int64((load_scalar(leaf_boxes, at + CENTRE + axis) - low) * scale)
+        store_unchecked(keys, leaf, key)
+        sizes[key] += 1
+        key += SAH_BINS * (i & 1)  # two sets of bins in turn, since neighbours often share a bin
+        store(bins, ROW * key, minimum(load(bins, ROW * key), load(leaf_boxes, at)))
+    for i in range(SAH_BINS):
+        store(bins, ROW * i, minimum(load(bins, ROW * i), load(bins, ROW * (SAH_BINS + i))))
+    n = _cheapest(bins, 0, sizes, SAH_BINS, areas)[1]
+    middle = first + _partition(leaves[first:last], keys, n, spare)
     if first < middle < last:
         _put_part(bins, numbers, 0, n, part, extents)
-        _put_part(bins, numbers, n, BINS, other, extents)
+        _put_part(bins, numbers, n, SAH_BINS, other, extents)
     else:
         middle = (first + last) // 2
         _put_part(leaf_boxes, leaves, first, middle, part, extents)

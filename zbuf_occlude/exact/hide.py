@@ -1,4 +1,4 @@
-"""Hiding: leaves against packets of points in float32; the definition decides what is in doubt."""
+"""Occlusion tests: leaves against packets of points in float32; the float64 definition decides doubtful cases."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.exact.single_rays import triple, walk
+from zbuf_occlude.exact.single_rays import traverse_bvh, triple
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.jit.compiler import always_inline, device_function, inline_ir
 from zbuf_occlude.jit.simd import (
@@ -39,26 +39,26 @@ from zbuf_occlude.jit.simd import (
 )
 from zbuf_occlude.jit.vec3 import minus
 
-SURE = np.float32(1.001)
-"""What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
-NEAR_EYE = np.uint8(2)
-"""In an answer: to be looked at alone."""
+SAFETY_FACTOR = np.float32(1.001)
+"""Safety factor on every error bound; covers rounding in the bound itself."""
+UNDECIDED = np.uint8(2)
+"""Answer code: undecided because near the eye; retest in float64."""
 
 
 @always_inline
-def classify(bvh, points, space, slot, leaf, extent):
-    """Test the 16 faces of a leaf against the box of a packet's points.
+def classify(bvh, points, space, slot, leaf, rect):
+    """Test the 16 faces of a leaf against the bounds of a packet's points.
 
     Returns
     -------
     maybe : int
         Mask of the faces that may hide some of the points.
     covers : bool
-        Whether one face certainly hides all of them; a face does not hide its own points even where they lie behind it.
+        True if one face certainly hides all points. A face does not hide its own points even if they lie behind it.
     """
-    row, packet = slot * SETUP_ROWS * LEAF, extent.first // PACKET
-    cx, hx = splat(HALF * (extent.left + extent.right)), splat(HALF * (extent.right - extent.left))
-    cy, hy = splat(HALF * (extent.bottom + extent.top)), splat(HALF * (extent.top - extent.bottom))
+    row, packet = slot * SETUP_ROWS * LEAF, rect.first // PACKET
+    cx, hx = splat(HALF * (rect.left + rect.right)), splat(HALF * (rect.right - rect.left))
+    cy, hy = splat(HALF * (rect.bottom + rect.top)), splat(HALF * (rect.top - rect.bottom))
     best, worst = splat(F32_MAX), splat(F32_MAX)
     for edge in range(3):
         a, b, c = load3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
@@ -69,37 +69,37 @@ def classify(bvh, points, space, slot, leaf, extent):
     normal = load3(space.setups, row + NORMAL * LEAF, LEAF)
     offset = load(space.setups, row + (NORMAL + 3) * LEAF)
     contact = load(space.setups, row + CONTACT * LEAF)
-    middle, half = zero - offset, splat(PLANE_ERROR * extent.reach)
+    middle, half = zero - offset, splat(PLANE_ERROR * rect.magnitude)
     for axis in range(3):
         lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
         middle = muladd(normal[axis], splat(HALF * (lower + upper)), middle)
         half = muladd(absolute(normal[axis]), splat(HALF * (upper - lower)), half)
-    behind = not_less(half - middle, contact * splat(extent.inverse_distance_min))
-    maybe = not_less(best, splat(-extent.blur * SURE)) & (behind | doubtful) & used
-    covering = maybe & ~doubtful & greater(worst, splat(extent.blur * SURE))
+    behind = not_less(half - middle, contact * splat(rect.inverse_distance_min))
+    maybe = not_less(best, splat(-rect.error_scale * SAFETY_FACTOR)) & (behind | doubtful) & used
+    covering = maybe & ~doubtful & greater(worst, splat(rect.error_scale * SAFETY_FACTOR))
     if covering:
-        covering &= greater(zero - middle - half, contact * splat(extent.inverse_distance_max))
+        covering &= greater(zero - middle - half, contact * splat(rect.inverse_distance_max))
         while covering:
             lane = first_lane(covering)
-            if not equal_wide(points.own, extent.first, np.int32(LEAF * leaf + lane)):
+            if not equal_wide(points.own, rect.first, np.int32(LEAF * leaf + lane)):
                 return maybe, True
             covering &= covering - 1
     return maybe, False
 
 
 @always_inline
-def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
-    """Test a packet's points, those within, against the faces of a mask, one by one; return the mask of the hidden.
+def hide_by_faces(bvh, points, view, space, at, faces, within, rect):
+    """Test the points `within` of a packet against masked faces, face by face; return the mask of hidden points.
 
-    `at` are the leaf and the slot that holds its set-up. No branch depends on what a test says: it could not
-    be predicted, and would cost more than the tests.
+    `at` is the leaf and the slot that holds its set-up. No branch depends on the outcome of a test: it would be
+    unpredictable, and would cost more than the tests.
     """
     leaf, slot = at
     base, width = slot * SETUP_ROWS * LEAF, points.coordinates.shape[1]
     x, y = load_wide(space.image, 0), load_wide(space.image, PACKET)
-    point = load3_wide(points.coordinates, extent.first, width)
-    blur, error = extent.blur * SURE, PLANE_ERROR * extent.reach
-    most, least, doubtful = extent.inverse_distance_max, extent.inverse_distance_min, space.doubtful[slot]
+    point = load3_wide(points.coordinates, rect.first, width)
+    edge_error, error = rect.error_scale * SAFETY_FACTOR, PLANE_ERROR * rect.magnitude
+    most, least, doubtful = rect.inverse_distance_max, rect.inverse_distance_min, space.doubtful[slot]
     hidden, doubt, doubt_faces = 0, 0, 0
     while faces:
         lane = first_lane(faces)
@@ -111,46 +111,51 @@ def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
         height = load_scalar(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal, ZERO)
         contact = load_scalar(space.setups, row + CONTACT * LEAF)
         unknown = -((doubtful >> lane) & 1)
-        possible = within & not_less(inside, -blur) & (not_less(height + error, contact * least) | unknown)
-        possible &= ~equal_wide(points.own, extent.first, np.int32(leaf * LEAF + lane))
-        sure = possible & greater(inside, blur) & greater(height - error, contact * most) & ~unknown
+        possible = within & not_less(inside, -edge_error) & (not_less(height + error, contact * least) | unknown)
+        possible &= ~equal_wide(points.own, rect.first, np.int32(leaf * LEAF + lane))
+        sure = possible & greater(inside, edge_error) & greater(height - error, contact * most) & ~unknown
         hidden |= sure
         doubt |= possible & ~sure
         doubt_faces |= np.int64((possible & ~sure) != 0) << lane
     if doubt & ~hidden:
-        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, extent.first)
+        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, rect.first)
     return hidden
 
 
 @always_inline
-def hide_by_points(bvh, points, view, space, at, within, extent):
-    """Test a packet's points, those within, one by one against all faces of a leaf; return the mask of the hidden."""
+def hide_by_points(bvh, points, view, space, at, within, rect):
+    """Test the points `within` of a packet against all faces of a leaf, point by point; return the hidden mask."""
     leaf, slot = at
     base, width = slot * SETUP_ROWS * LEAF, points.coordinates.shape[1]
     p, q, r = _edge(space, base, 0), _edge(space, base, 1), _edge(space, base, 2)
     normal = load3(space.setups, base + NORMAL * LEAF, LEAF)
     offset = load(space.setups, base + (NORMAL + 3) * LEAF)
     contact = load(space.setups, base + CONTACT * LEAF)
-    blur, error = splat(extent.blur * SURE), splat(PLANE_ERROR * extent.reach)
-    most, least = contact * splat(extent.inverse_distance_max), contact * splat(extent.inverse_distance_min)
-    no_blur, zero, doubtful, used = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[slot], bvh.used[leaf]
+    edge_error, error = splat(rect.error_scale * SAFETY_FACTOR), splat(PLANE_ERROR * rect.magnitude)
+    most, least = contact * splat(rect.inverse_distance_max), contact * splat(rect.inverse_distance_min)
+    negative_edge_error, zero, doubtful, used = (
+        splat(-rect.error_scale * SAFETY_FACTOR),
+        splat(ZERO),
+        space.doubtful[slot],
+        bvh.used[leaf],
+    )
     hidden, doubt, doubt_faces = 0, 0, 0
     while within:
         lane = first_lane(within)
         within &= within - 1
-        i = extent.first + lane
+        i = rect.first + lane
         x, y = load_scalar(space.image, lane), load_scalar(space.image, PACKET + lane)
         inside = _inside(x, y, p, q, r)
         height = offset - dot3(load_scalar3(points.coordinates, i, width), normal, zero)
-        possible = not_less(inside, no_blur) & (not_less(height + error, least) | doubtful)
+        possible = not_less(inside, negative_edge_error) & (not_less(height + error, least) | doubtful)
         possible &= used & ~_own_face(points.own[i] - LEAF * leaf)
-        sure = possible & greater(inside, blur) & greater(height - error, most) & ~doubtful
+        sure = possible & greater(inside, edge_error) & greater(height - error, most) & ~doubtful
         unsure = possible & ~sure
         hidden |= np.int64(sure != 0) << lane
         doubt |= np.int64(unsure != 0) << lane
         doubt_faces |= unsure
     if doubt & ~hidden:
-        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, extent.first)
+        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, rect.first)
     return hidden
 
 
@@ -166,20 +171,20 @@ def _edge_of(space, row, edge):
 
 @always_inline
 def _inside(x, y, p, q, r):
-    """The least of three edge functions: of points in a face, or of a point in faces."""
+    """Return the least of three edge functions, for many points in one face or one point in many faces."""
     inside = minimum(muladd(x, p[0], muladd(y, p[1], p[2])), muladd(x, q[0], muladd(y, q[1], q[2])))
     return minimum(inside, muladd(x, r[0], muladd(y, r[1], r[2])))
 
 
 @always_inline
 def _own_face(lane):
-    """Mask of one lane, if it is one of the 16."""
+    """Return the mask of a lane; 0 if it is not one of the 16."""
     return np.int64(0 <= lane < LEAF) << (lane & (LEAF - 1))
 
 
 @device_function
 def decide(bvh, points, view, leaf, faces, doubt, first):
-    """Mask of the points in doubt, numbered from `first` on, that one of a mask of a leaf's faces blocks."""
+    """Return the mask of the doubtful points, counted from `first`, that one of the masked faces of a leaf blocks."""
     hidden = 0
     while doubt:
         i = first_lane(doubt)
@@ -190,7 +195,7 @@ def decide(bvh, points, view, leaf, faces, doubt, first):
 
 @device_function
 def _faces_block(bvh, points, view, i, leaf, faces):
-    """Whether one of a mask of a leaf's faces, not its own, blocks the line of sight of point i."""
+    """Return whether a masked face of a leaf, other than its own, blocks the line of sight of point i."""
     point = _world_point(points, i)
     while faces:
         lane = first_lane(faces)
@@ -204,9 +209,9 @@ def _faces_block(bvh, points, view, i, leaf, faces):
 
 @device_function
 def mark_near_points(points, view, chunks, answer):
-    """Write `NEAR_EYE` for the points of some chunks that are too near to an eye inside for any frame."""
+    """Write `UNDECIDED` for the points of a range of chunks that are too near to the eye for any cube face."""
     for packet in range(chunks[0] * CHUNK, chunks[1] * CHUNK):
-        radius = view.near * max(points.reach[packet], view.reach) * 1.01
+        radius = view.near * max(points.magnitudes[packet], view.magnitude) * 1.01
         apart = ZERO
         for axis in range(3):
             lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
@@ -215,12 +220,12 @@ def mark_near_points(points, view, chunks, answer):
             continue
         for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
             if _is_near(points, view, i, radius):
-                answer[points.order[i]] = NEAR_EYE
+                answer[points.order[i]] = UNDECIDED
 
 
 @device_function
 def _is_near(points, view, i, radius):
-    """Whether point i is within a cube about the eye."""
+    """Return whether point i lies in the cube of half-width `radius` about the eye."""
     away = ZERO
     for axis in range(3):
         away = max(away, abs(points.coordinates[axis, i] - view.eye[axis]))
@@ -228,23 +233,23 @@ def _is_near(points, view, i, radius):
 
 
 @inline_ir
-def find_hidden(bvh, lines, n):
-    """Find for n lines of sight a face, but the points' own, that blocks them."""
+def find_hidden(bvh, scratch, n):
+    """Find a face, other than the point's own, that blocks each of n lines of sight; -1 in ``scratch.faces``: none."""
     for i in range(n):
-        away = minus(triple(lines.points, i), triple(lines.origins, i))
-        lines.fractions[i] = 1.0
-        if away == (0.0, 0.0, 0.0):  # an eye at its point: nowhere to go
-            away, lines.fractions[i] = (1.0, 0.0, 0.0), -1.0
+        away = minus(triple(scratch.points, i), triple(scratch.origins, i))
+        scratch.fractions[i] = 1.0
+        if away == (0.0, 0.0, 0.0):  # the eye is at the point: nothing is between
+            away, scratch.fractions[i] = (1.0, 0.0, 0.0), -1.0
         for axis in range(3):
-            lines.directions[3 * i + axis] = away[axis]
-    walk(bvh, lines, n, _block)
+            scratch.directions[3 * i + axis] = away[axis]
+    traverse_bvh(bvh, scratch, n, _block)
 
 
 @always_inline
-def _block(bvh, lines, i, candidate, a, b, c):
-    """Go no farther where a face blocks a line."""
-    if blocks(triple(lines.origins, i), triple(lines.points, i), a, b, c, bvh.world_contact):
-        lines.faces[i], lines.fractions[i] = candidate, -1.0
+def _block(bvh, scratch, i, candidate, a, b, c):
+    """Record the face and stop the traversal if it blocks the line of sight."""
+    if blocks(triple(scratch.origins, i), triple(scratch.points, i), a, b, c, bvh.world_contact):
+        scratch.faces[i], scratch.fractions[i] = candidate, -1.0
 
 
 @device_function

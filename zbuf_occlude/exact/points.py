@@ -1,4 +1,4 @@
-"""Points in packets of 32 and chunks of 8 packets, of neighbours along a Hilbert curve."""
+"""Points sorted along a Hilbert curve, in packets of 32 and chunks of 8 packets."""
 
 from typing import NamedTuple
 
@@ -10,31 +10,31 @@ from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, F32_MAX, GROUP, ONE, 
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import device_function
-from zbuf_occlude.jit.pointer import reference
+from zbuf_occlude.jit.pointer import pointer_to
 from zbuf_occlude.jit.simd import highest, load3_wide, load_unchecked, lowest, store_unchecked
 from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 
 THREAD_CHUNKS = 32
-"""Chunks that are worth another thread: fewer are filled before it wakes."""
+"""Minimum chunks per extra thread; below this, waking it costs more."""
 
 
 class Packets(NamedTuple):
-    """n points in the kernels' order, filled up to n' (whole chunks) by repeating the last one; scene space."""
+    """Set of n points along the curve, padded to n' (whole chunks) by repeating the last one; scene space."""
 
     n_points: int
-    order: IntArray  # (n',) where each was among the caller's points
+    order: IntArray  # (n',) index of each point among the caller's
     coordinates: Float32  # (3, n')
     own: IntArray  # (n',) row of the own face; -1 for none
-    boxes: Float32  # (6, n' / 32) of the packets
-    reach: Float32  # (n' / 32,) largest distance from the scene's centre in each packet, at least 1
-    chunk_boxes: Float32  # (6, c) of the chunks; padded to a multiple of 16 of them
-    chunk_reach: Float32  # (n' / 256,)
-    farthest: np.float32  # largest reach
+    boxes: Float32  # (6, n' / 32) boxes of the packets
+    magnitudes: Float32  # (n' / 32,) largest distance from the scene's centre in each packet, at least 1
+    chunk_boxes: Float32  # (6, c) boxes of the chunks, padded to a multiple of 16 chunks
+    chunk_magnitudes: Float32  # (n' / 256,)
+    max_magnitude: np.float32
     positions: FloatArray  # (n, 3) world space, in the caller's order
 
 
 def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
-    """Sort points and cut them into packets and chunks; O(n log n), about 60 bytes per point."""
+    """Sort points and divide them into packets and chunks; O(n log n), about 60 bytes per point."""
     order = hilbert_order(points.positions)
     n_chunks = -(-len(order) // CHUNK_POINTS)
     order = np.concatenate([order, np.full(n_chunks * CHUNK_POINTS - len(order), order[-1])])
@@ -44,42 +44,42 @@ def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
         coordinates=np.empty((3, len(order)), dtype=np.float32),
         own=np.empty(len(order), dtype=np.int32),
         boxes=np.empty((6, n_chunks * CHUNK), dtype=np.float32),
-        reach=np.empty(n_chunks * CHUNK, dtype=np.float32),
+        magnitudes=np.empty(n_chunks * CHUNK, dtype=np.float32),
         chunk_boxes=np.zeros((6, -(-n_chunks // GROUP) * GROUP), dtype=np.float32),
-        chunk_reach=np.empty(n_chunks, dtype=np.float32),
-        farthest=ONE,
+        chunk_magnitudes=np.empty(n_chunks, dtype=np.float32),
+        max_magnitude=ONE,
         positions=points.positions,
     )
     parallel_for(_fill_chunks, n_blocks(n_chunks, THREAD_CHUNKS), bvh, points.face_ids, packets)
-    return packets._replace(farthest=packets.chunk_reach.max())
+    return packets._replace(max_magnitude=packets.chunk_magnitudes.max())
 
 
 @parallel_kernel
 def _fill_chunks(tasks, bvh, face_ids, packets):
-    """Fill in coordinates, own rows, boxes and reaches."""
-    bvh_at, packets_at = reference(bvh), reference(packets)
+    """Fill in coordinates, own rows, boxes and magnitudes."""
+    bvh_at, packets_at = pointer_to(bvh), pointer_to(packets)
     chunk = next_task(tasks)
-    while chunk < len(packets.chunk_reach):
-        reach = ONE
+    while chunk < len(packets.chunk_magnitudes):
+        magnitude = ONE
         for axis in range(3):
             packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = F32_MAX, -F32_MAX
         for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
             _fill_packet(bvh_at, face_ids, packets_at, packet)
-            reach = max(reach, packets.reach[packet])
+            magnitude = max(magnitude, packets.magnitudes[packet])
             for axis in range(3):
                 lower, upper = packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet]
                 packets.chunk_boxes[axis, chunk] = min(packets.chunk_boxes[axis, chunk], lower)
                 packets.chunk_boxes[UPPER + axis, chunk] = max(packets.chunk_boxes[UPPER + axis, chunk], upper)
-        packets.chunk_reach[chunk] = reach
+        packets.chunk_magnitudes[chunk] = magnitude
         chunk = next_task(tasks)
 
 
 @device_function
 def _fill_packet(bvh, face_ids, packets, packet):
-    """Fill in what a packet has of its points."""
-    first, total, farthest = packet * PACKET, packets.coordinates.shape[1], 0.0
+    """Fill in coordinates, own rows, box and magnitude of a packet."""
+    first, total, max_square = packet * PACKET, packets.coordinates.shape[1], 0.0
     order, coordinates, positions = packets.order, packets.coordinates, packets.positions
-    for i in range(first, first + PACKET):  # short loops: many points wait for memory at a time
+    for i in range(first, first + PACKET):  # a loop of its own, so that many points are fetched at a time
         face = np.int64(load_unchecked(face_ids, np.int64(load_unchecked(order, i))))
         store_unchecked(packets.own, i, load_unchecked(bvh.rows, face if face >= 0 else len(bvh.rows) - 1))
     centre, scale = bvh.centre, bvh.scale
@@ -91,8 +91,8 @@ def _fill_packet(bvh, face_ids, packets, packet):
         store_unchecked(coordinates, i, np.float32(x))
         store_unchecked(coordinates, i + total, np.float32(y))
         store_unchecked(coordinates, i + 2 * total, np.float32(z))
-        farthest = max(farthest, x * x + y * y + z * z)
+        max_square = max(max_square, x * x + y * y + z * z)
     point = load3_wide(coordinates, first, total)
     for axis in range(3):
         packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lowest(point[axis]), highest(point[axis])
-    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * (1.0 + 1e-6)))
+    packets.magnitudes[packet] = max(ONE, np.float32(np.sqrt(max_square) * (1.0 + 1e-6)))

@@ -1,10 +1,10 @@
-"""Packets of 32 rays of one origin against the leaves listed before them, nearest first.
+"""First hits of packets of 32 rays of one origin, tested against listed leaves, nearest first.
 
-Leaves whose rectangles no ray goes through, or that lie behind what stops it, are left out. Where a few rays do, each
-is tested against 16 faces side by side. Where many do, the faces that the packet's rectangle misses are left out, 16 at
-a time, and all rays are tested against each face left, 16 side by side. A face that a ray meets for certain nearer than
-its nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
-the definition does, ray by ray. So the faces are the oracle's, ties included.
+A leaf is skipped if no ray passes through its rectangle in front of the ray's nearest hit so far. If few rays do, each
+is tested against the 16 faces at once. If many do, the faces that miss the packet's rectangle are dropped, 16 at a
+time, and each remaining face is tested against 16 rays at once. A face that a ray certainly meets nearer than its
+nearest face so far replaces it. Where float32 cannot tell whether a face is met, or which of two is nearer, the float64
+definition decides, ray by ray. The answers are therefore the oracle's, ties included.
 """
 
 import math
@@ -20,7 +20,7 @@ from zbuf_occlude.exact.layout import (
     F32_MAX,
     LEAF,
     LEFT,
-    NEAREST,
+    MIN_W,
     ONE,
     PACKET,
     RIGHT,
@@ -29,19 +29,19 @@ from zbuf_occlude.exact.layout import (
     ZERO,
     Float32,
 )
-from zbuf_occlude.exact.project import Window
+from zbuf_occlude.exact.project import ImageRect
 from zbuf_occlude.exact.search import overlapping
-from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
-from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered
+from zbuf_occlude.exact.triangle_setup import CERTAIN, DEPTH, faces_before, set_up_for_rays, slot_of
+from zbuf_occlude.geometry.determinants import CLEAR, FILTER, TINY, filtered_determinant
 from zbuf_occlude.geometry.predicates import is_nearer, ray_plane_t, ray_triangle_t
 from zbuf_occlude.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.jit.simd import (
     ALL,
     N_LANES,
     absolute,
+    blend,
     count_lanes,
     divide,
-    fill,
     first_lane,
     greater,
     highest,
@@ -54,54 +54,54 @@ from zbuf_occlude.jit.simd import (
     minimum,
     muladd,
     not_less,
-    select,
     splat,
     store,
+    store_masked,
 )
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 ROUNDED = np.float32(5e-7)
-"""Error bound of a g taken from a distance in float64, per 1 + |g|."""
+"""Error bound of a g computed from a float64 distance, per 1 + |g|."""
 ROUNDED_UP = np.float32(1.000002)
-FEW_RAYS = 6
-"""Up to this many rays are tested against the 16 faces of a leaf one by one; of more, all against a face."""
+MAX_SINGLE_RAYS = 6
+"""Maximum rays tested one by one against the 16 faces of a leaf; more are tested together, face by face."""
 
 
-class Rays(NamedTuple):
-    """n rays of one origin, world space, and their answers: a face is met height / slope directions away."""
+class PacketRays(NamedTuple):
+    """Rays of one origin, world space, and their answers: the hit is at height / slope directions from the origin."""
 
     origin: FloatArray  # (3,)
     directions: FloatArray  # (3 n,)
     face_ids: IntArray  # (n,)
     heights: FloatArray  # (n,)
     slopes: FloatArray  # (n,)
-    chosen: IntArray  # (m,) which of them are meant
+    chosen: IntArray  # (m,) indices of the packet's rays
 
 
 class RayFrame(NamedTuple):
-    """What rays need of a view's frame."""
+    """Frame of a view, for rays."""
 
-    inside: bool  # a face of a cube about the origin
-    axis: FloatArray  # (3,) its axis w
-    inverse_away: float  # 1 / how far the scene's centre is
-    farthest: np.float32  # largest w
+    inside: bool  # True for a face of a cube about the origin
+    axis: FloatArray  # (3,) axis w of the frame
+    inverse_away: float  # 1 / distance of the origin from the scene's centre
+    max_w: np.float32
 
 
-class State(NamedTuple):
-    """What is known of the 32 rays of a packet."""
+class PacketState(NamedTuple):
+    """Positions and nearest hits so far of the 32 rays of a packet."""
 
-    coordinates: Float32  # (2, 32) x / w and y / w; the last ray's again where there are fewer
-    lows: Float32  # (32,) lower bound of g (`triangle_setup`) where the nearest face so far is met; `F32_MAX` for none
-    highs: Float32  # (32,) upper bound
-    limits: Float32  # (32,) the largest w that the upper bound stands for
+    coordinates: Float32  # (2, 32) x / w and y / w, padded by repeating the last ray
+    lows: Float32  # (32,) lower bound of g (`triangle_setup`) of the nearest hit so far; `F32_MAX` for none
+    highs: Float32  # (32,) upper bound of g
+    limits: Float32  # (32,) largest w that the upper bound of g allows
     scratch: Float32  # (2, 16)
-    face_ids: IntArray  # (32,) that face, -1 for none
+    face_ids: IntArray  # (32,) nearest face so far, -1 for none
 
 
 @njit(_nrt=True)
 def make_state():
-    """Return an empty `State`."""
-    return State(
+    """Return an empty `PacketState`."""
+    return PacketState(
         coordinates=np.empty((2, PACKET), dtype=np.float32),
         lows=np.empty(PACKET, dtype=np.float32),
         highs=np.empty(PACKET, dtype=np.float32),
@@ -112,32 +112,32 @@ def make_state():
 
 
 @device_function
-def window_of(coordinates, first, last, farthest):
-    """Window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
+def rect_of_rays(coordinates, first, last, max_w):
+    """Return the rectangle around the rays first to last - 1 of (2, n) coordinates; `first` is a multiple of 16."""
     x, y, room = load(coordinates, first), load(coordinates, coordinates.shape[1] + first), coordinates.shape[1]
     left, right, bottom, top = x, x, y, y
     for i in range(first + N_LANES, last, N_LANES):
         x, y = load(coordinates, i), load(coordinates, room + i)
         left, right, bottom, top = minimum(left, x), maximum(right, x), minimum(bottom, y), maximum(top, y)
-    return Window(lowest(left), highest(right), lowest(bottom), highest(top), farthest)
+    return ImageRect(lowest(left), highest(right), lowest(bottom), highest(top), max_w)
 
 
 @device_function
 def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
-    """Find the faces that the chosen rays, at most `PACKET`, meet first among the leaves in ``space.listed``.
+    """Find the first hits of the chosen rays, at most `PACKET`, among the leaves in ``space.listed``.
 
-    Their coordinates are in `state`.
+    The rays' coordinates are in `state`.
     """
-    farthest = frame.farthest
-    window = window_of(state.coordinates, 0, PACKET, farthest)
+    max_w = frame.max_w
+    rect = rect_of_rays(state.coordinates, 0, PACKET, max_w)
     for at in range(0, PACKET, N_LANES):
         store(state.lows, at, splat(F32_MAX))
         store(state.highs, at, splat(F32_MAX))
-        store(state.limits, at, splat(farthest))
-        fill(state.face_ids, at, ALL, np.int32(-1))
+        store(state.limits, at, splat(max_w))
+        store_masked(state.face_ids, at, ALL, np.int32(-1))
     limit, active = F32_MAX, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
-        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], window)
+        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], rect)
         if n_listed - j < LEAF:
             found &= (1 << (n_listed - j)) - 1
         while found:
@@ -148,13 +148,13 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
                 continue
             leaf = space.listed.leaves[entry]
             slot, changed = slot_of(bvh, leaf, view, space, set_up_for_rays), False
-            if count_lanes(within) <= FEW_RAYS:
+            if count_lanes(within) <= MAX_SINGLE_RAYS:
                 while within:
                     lane = first_lane(within)
                     within &= within - 1
                     changed |= _test_ray(bvh, frame, rays, leaf, slot, lane, space, state)
             else:
-                faces = faces_before(bvh, leaf, space, slot, window, limit)
+                faces = faces_before(bvh, leaf, space, slot, rect, limit)
                 while faces:
                     lane = first_lane(faces)
                     faces &= faces - 1
@@ -163,30 +163,30 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
                 limit, most = -F32_MAX, ZERO
                 for at in range(0, PACKET, N_LANES):
                     highs = load(state.highs, at)
-                    limits = _farthest(frame, highs)
+                    limits = _max_w(frame, highs)
                     store(state.limits, at, limits)
                     limit, most = max(limit, highest(highs)), max(most, highest(limits))
-                window = Window(window.left, window.right, window.bottom, window.top, most)
+                rect = ImageRect(rect.left, rect.right, rect.bottom, rect.top, most)
     _finish(bvh, rays, state)
 
 
 @always_inline
-def _farthest(frame, g):
-    """Largest w that each g stands for, rounded up; the frame's where there is none."""
-    zero, one, farthest = splat(ZERO), splat(ONE), splat(frame.farthest)
+def _max_w(frame, g):
+    """Return the largest w that each g allows, rounded up; the frame's largest w if g sets no limit."""
+    zero, one, max_w = splat(ZERO), splat(ONE), splat(frame.max_w)
     # -1 / g, or 1 / (1 - g / D)
     divisor = zero - g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
     ahead = greater(divisor, zero)
-    w = divide(splat(ROUNDED_UP), select(ahead, divisor, one))
-    return select(ahead, minimum(w, farthest), farthest)
+    w = divide(splat(ROUNDED_UP), blend(ahead, divisor, one))
+    return blend(ahead, minimum(w, max_w), max_w)
 
 
 @always_inline
 def _rays_before(rectangles, entry, state):
-    """Mask of the rays that go through a listed rectangle and are not stopped before it."""
+    """Return the mask of the rays that pass through a listed rectangle in front of their nearest hit so far."""
     left, right = splat(rectangles[LEFT, entry]), splat(rectangles[RIGHT, entry])
     bottom, top = splat(rectangles[BOTTOM, entry]), splat(rectangles[TOP, entry])
-    nearest, within = splat(rectangles[NEAREST, entry]), 0
+    nearest, within = splat(rectangles[MIN_W, entry]), 0
     for at in range(0, PACKET, N_LANES):
         x, y = load(state.coordinates, at), load(state.coordinates, PACKET + at)
         mask = not_less(x, left) & not_less(right, x) & not_less(y, bottom) & not_less(top, y)
@@ -196,13 +196,13 @@ def _rays_before(rectangles, entry, state):
 
 @always_inline
 def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
-    """Test a ray against the faces of a leaf; return whether its nearest has changed."""
+    """Test a ray against the faces of a leaf; return whether its nearest hit has changed."""
     x, y = splat(state.coordinates[0, lane]), splat(state.coordinates[1, lane])
     base, inside = slot * SETUP_ROWS * LEAF, splat(F32_MAX)
     for edge in range(3):
         a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
         inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-    maybe = bvh.used[leaf] & not_less(inside, splat(-WITHIN))
+    maybe = bvh.used[leaf] & not_less(inside, splat(-CERTAIN))
     if maybe == 0:
         return False
     row = base + DEPTH * LEAF
@@ -211,36 +211,36 @@ def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
     error = muladd(absolute(g), load(space.setups, row + 4 * LEAF), load(space.setups, row + 3 * LEAF))
     low, high = g - error, g + error
     maybe &= not_less(splat(state.highs[lane]), low)
-    sure = greater(inside, splat(WITHIN)) & ~space.doubtful[slot]
+    sure = greater(inside, splat(CERTAIN)) & ~space.doubtful[slot]
     store(state.scratch, 0, low)
     store(state.scratch, LEAF, high)
     changed = False
     while maybe:
-        place = first_lane(maybe)
+        face_lane = first_lane(maybe)
         maybe &= maybe - 1
-        face = bvh.face_ids[leaf, place]
-        if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
-            state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
+        face = bvh.face_ids[leaf, face_lane]
+        if (sure >> face_lane) & 1 and state.scratch[1, face_lane] < state.lows[lane]:
+            state.lows[lane], state.highs[lane] = state.scratch[0, face_lane], state.scratch[1, face_lane]
             state.face_ids[lane] = face
             changed = True
-        elif state.scratch[0, place] <= state.highs[lane]:
+        elif state.scratch[0, face_lane] <= state.highs[lane]:
             changed |= _decide(bvh, frame, rays, face, lane, state)
     return changed
 
 
 @always_inline
-def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
-    """Test the rays within against a face of a leaf; return whether any ray's nearest has changed."""
-    base = slot * SETUP_ROWS * LEAF + place
+def _test_face(bvh, frame, rays, within, leaf, slot, face_lane, space, state):
+    """Test the rays `within` against a face of a leaf; return whether any ray's nearest hit has changed."""
+    base = slot * SETUP_ROWS * LEAF + face_lane
     row = base + DEPTH * LEAF
-    face, known = bvh.face_ids[leaf, place], ((space.doubtful[slot] >> place) & 1) - 1
+    face, known = bvh.face_ids[leaf, face_lane], ((space.doubtful[slot] >> face_lane) & 1) - 1
     changed = False
     for at in range(0, PACKET, N_LANES):
         x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET + at), splat(F32_MAX)
         for edge in range(3):
             a, b, c = load_scalar3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
             inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-        maybe = (within >> at) & not_less(inside, splat(-WITHIN))
+        maybe = (within >> at) & not_less(inside, splat(-CERTAIN))
         if maybe == 0:
             continue
         a, b, c = load_scalar3(space.setups, row, LEAF)
@@ -250,11 +250,11 @@ def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
         )
         low, high, lows, highs = g - error, g + error, load(state.lows, at), load(state.highs, at)
         maybe &= not_less(highs, low)
-        sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
+        sure = maybe & known & greater(inside, splat(CERTAIN)) & greater(lows, high)
         if sure:
-            store(state.lows, at, select(sure, low, lows))
-            store(state.highs, at, select(sure, high, highs))
-            fill(state.face_ids, at, sure, face)
+            store(state.lows, at, blend(sure, low, lows))
+            store(state.highs, at, blend(sure, high, highs))
+            store_masked(state.face_ids, at, sure, face)
         doubtful = maybe & ~sure
         changed |= sure != 0
         while doubtful:
@@ -266,7 +266,7 @@ def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
 
 @njit(error_model="numpy")
 def _decide(bvh, frame, rays, candidate, lane, state):
-    """Decide by the definition whether a ray meets a face before its nearest so far; return whether it does."""
+    """Decide in float64 whether a ray meets a face before its nearest hit so far; if so record it and return True."""
     i = rays.chosen[lane]
     origin, direction = _triple(rays.origin, 0), _triple(rays.directions, 3 * i)
     corners, face = corners_of(bvh, candidate), np.int64(state.face_ids[lane])
@@ -297,7 +297,7 @@ def _triple(numbers, first):
 
 @device_function
 def _finish(bvh, rays, state):
-    """Write the answers: faces, and distances as quotients."""
+    """Write the answers: face ids, and distances as quotients."""
     directions, face_ids, heights, slopes = rays.directions, rays.face_ids, rays.heights, rays.slopes
     origin = _triple(rays.origin, 0)
     before, normal, height, least = -1, (0.0, 0.0, 0.0), 0.0, 0.0
@@ -318,16 +318,16 @@ def _finish(bvh, rays, state):
 
 @always_inline
 def _plane(origin, a, b, c):
-    """A face's height over a ray's origin and its normal, scaled alike, and how small a slope per direction is inexact.
+    """Return a face's height over a ray's origin, its normal scaled alike, and the least accurate slope per direction.
 
     Notes
     -----
-    A component of the normal is wrong by 4 u times the two products that it is the difference of, `CLEAR` times less
-    than the least slope. Where the height is inexact, every slope is to be looked at again.
+    A component of the normal errs by 4 u times the two products that it is the difference of: `CLEAR` times less than
+    the least accurate slope. If the height is inaccurate, the least accurate slope is infinite.
     """
     ab, ac = minus(b, a), minus(c, a)
     to_a, n = minus(a, origin), cross(ab, ac)
-    height, error = filtered(to_a, ab, ac)
+    height, error = filtered_determinant(to_a, ab, ac)
     size = max(abs(ab[0]), abs(ab[1]), abs(ab[2])) * max(abs(ac[0]), abs(ac[1]), abs(ac[2]))
     least = CLEAR * (2.0 * FILTER * size + TINY) if abs(height) > CLEAR * error else math.inf
     return height, n, least

@@ -1,9 +1,8 @@
 """First hits: rays of one origin in blocks, as an eye there sees them; rays of many origins one by one.
 
-Whoever gives one origin for all rays need not think of their order. They are taken in blocks, as they come: a sensor's
-follow each other. A block is sorted by place in the image while it is in the cache, and neighbours share candidate
-lists as the points of a search do. Rays in no order are sorted as a whole first, which costs as much as it gains where
-they are in one.
+Rays of one origin may come in any order. They are processed in blocks in the given order, since a sensor's rays follow
+each other. A block is sorted by position in the image while it is in the cache, and neighbours share candidate lists as
+the points of a search do. Scattered rays are sorted as a whole first; for ordered rays this would not pay.
 """
 
 import math
@@ -28,66 +27,65 @@ from zbuf_occlude.exact.layout import (
     Int64,
     make_workspace,
 )
-from zbuf_occlude.exact.project import Window
-from zbuf_occlude.exact.ray_packets import RayFrame, Rays, first_hits_of_packet, make_state, window_of
-from zbuf_occlude.exact.search import choose, list_candidates, project_children
-from zbuf_occlude.exact.single_rays import BLOCK_LINES, cast_singles, make_lines
+from zbuf_occlude.exact.project import ImageRect
+from zbuf_occlude.exact.ray_packets import PacketRays, RayFrame, first_hits_of_packet, make_state, rect_of_rays
+from zbuf_occlude.exact.search import list_candidates, project_children, select_candidates
+from zbuf_occlude.exact.single_rays import TRAVERSAL_RAYS, cast_singles, make_traversal_scratch
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.jit.compiler import always_inline, device_function, njit
-from zbuf_occlude.jit.pointer import reference
+from zbuf_occlude.jit.pointer import pointer_to
 from zbuf_occlude.jit.simd import N_LANES, load, store
-from zbuf_occlude.jit.threads import n_blocks, parallel_for, shared_with_memory, take_block_from, take_end
+from zbuf_occlude.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block_from, take_end
 
-FEW_RAYS_PER_LEAF = 3
-"""Fewer rays per leaf go one by one: an eye looks at all boxes of a BVH."""
-FAR = 1e5
-"""Scene units. Of origins farther away float64 does not resolve places in the image to a thousandth of float32."""
+MIN_RAYS_PER_LEAF = 3
+"""Below this many rays per leaf, each ray traverses the BVH alone: projecting all boxes does not pay."""
+MAX_IMAGE_DISTANCE = 1e5
+"""Largest distance of an origin, in scene units, at which float64 resolves the image to a thousandth of float32."""
 RAYS_PER_LEAF = 16
-"""Fewer rays per leaf are sorted as a whole in any case: compact blocks share what they set up."""
+"""Below this many rays per leaf, rays are always sorted as a whole: compact blocks share triangle set-ups."""
 RUN_RAYS = 256
-"""Rays whose distances are taken at a time, or left out where none meets anything."""
+"""Rays per step of the distance computation, which is skipped if none of them meets a face."""
 SAMPLE_STEP = 251
-"""From one ray of a block to the next that is asked whether the rays are in any order."""
-SCATTERED = 0.925
-"""Rays are in no order where more than this share of the directions' variance is within blocks."""
+"""Stride between the rays of a block that are sampled to tell whether rays are scattered."""
+SCATTERED_SHARE = 0.925
+"""Share of the directions' variance within blocks above which rays count as scattered."""
 BLOCK_RAYS = GROUP * CHUNK_POINTS
-"""Rays that a thread takes at a time: they share a candidate list, from which each `CHUNK_POINTS` choose."""
-MOST_BITS = 6
-"""Of a cell's column and of its row, at most."""
+"""Rays per block, a thread's unit of work: they share a candidate list, from which every `CHUNK_POINTS` select."""
+MAX_BITS = 6
+"""Maximum bits of a cell's column, and of its row."""
 N_FRAMES = 6
-LEAST_WIDTH = np.float32(1e-30)
+MIN_WIDTH = np.float32(1e-30)
 
 
 class RayQuery(NamedTuple):
-    """n rays of one origin, and where their answers go."""
+    """Rays of one origin, and the arrays for their answers."""
 
     origin: FloatArray  # (3,) world space
     directions: FloatArray  # (3 n,)
-    patterns: Int64  # (3 n,) their bits
-    away: float  # how far the origin is from the scene's centre, scene units
-    bits: int  # of a cell's column and of its row
-    order: NDArray[np.uint32]  # (n,) in which the rays are taken; empty: as they come
-    cells: NDArray[np.uint16]  # (n,) receives the rays' cells, instead of answers; empty: answers
+    patterns: Int64  # (3 n,) bit patterns of the directions
+    away: float  # distance of the origin from the scene's centre, scene units
+    bits: int  # bits of a cell's column, and of its row
+    order: NDArray[np.uint32]  # (n,) processing order; empty: the given order
+    cells: NDArray[np.uint16]  # (n,) receives the rays' cells instead of answers; empty: answers are computed
     face_ids: IntArray  # (n,)
     distances: FloatArray  # (n,)
-    unusual: Int64  # (1,) becomes 1 where a direction is not of usual length: then there are no answers
+    unsafe: Int64  # (1,) set to 1 if a direction has no safe norm: then there are no answers
 
 
 class RayBins(NamedTuple):
-    """The rays of a block, frame by frame, each along a Morton curve of cells; what misses the scene is left out."""
+    """Rays of a block sorted by frame, then along a Morton curve of cells; rays that miss the scene are left out."""
 
-    coordinates: Float32  # (2, m) x / w and y / w. Each frame begins at a multiple of `PACKET`, and repeats its last
-    # ray up to the next
-    order: IntArray  # (m,) which ray of the block that is
-    starts: Int64  # (6,) where each frame begins
-    ends: Int64  # (6,) and ends
-    unsorted: Float32  # (2 x BLOCK_RAYS,) x / w and y / w of each ray in turn, as the block has them
+    coordinates: Float32  # (2, m) x / w and y / w; each frame is padded to a multiple of `PACKET` by its last ray
+    order: IntArray  # (m,) index of the ray in the block
+    starts: Int64  # (6,) first entry of each frame
+    ends: Int64  # (6,) one past the last entry of each frame
+    unsorted: Float32  # (2 x BLOCK_RAYS,) x / w and y / w, ray after ray, in the block's order
     cells: IntArray  # (BLOCK_RAYS,)
-    counts: IntArray  # (6 x 2^(2 x MOST_BITS),)
+    counts: IntArray  # (6 x 2^(2 x MAX_BITS),)
 
 
 class Block(NamedTuple):
-    """A block's rays where the caller's are sorted first, and what any meet, ``height / slope`` directions away."""
+    """Buffers of a block: rays and answers if the caller's rays are sorted first, and the quotients of any block."""
 
     directions: FloatArray  # (3 x BLOCK_RAYS,)
     face_ids: IntArray  # (BLOCK_RAYS,)
@@ -122,33 +120,33 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     away = math.dist(origins[0], bvh.centre) * bvh.scale
-    if len(origins) > 1 or n < FEW_RAYS_PER_LEAF * len(bvh.used) or away > FAR:
+    if len(origins) > 1 or n < MIN_RAYS_PER_LEAF * len(bvh.used) or away > MAX_IMAGE_DISTANCE:
         directions = rescale_directions(directions)
         asked = bvh, origins, directions, face_ids, distances
-        parallel_for(cast_singles, n_blocks(n, BLOCK_LINES), *asked, own=lambda: make_lines(bvh))
+        parallel_for(cast_singles, n_blocks(n, TRAVERSAL_RAYS), *asked, own=lambda: make_traversal_scratch(bvh))
         return face_ids, distances
     views = project_eyes(bvh, origins, 1.0)
-    bits = min(max((n // N_LANES).bit_length() // 2, 1), MOST_BITS)
+    bits = min(max((n // N_LANES).bit_length() // 2, 1), MAX_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_LEAF * len(bvh.used) or _are_scattered(directions))
     if sort:
         directions = rescale_directions(directions)
     order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
-    flat, unusual = directions.reshape(-1), np.zeros(1, dtype=np.int64)
-    hits = face_ids, distances, unusual
+    flat, unsafe = directions.reshape(-1), np.zeros(1, dtype=np.int64)
+    hits = face_ids, distances, unsafe
     query = RayQuery(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
     if sort:
         parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
         query = query._replace(order=_order_of_cells(cells, bits), cells=cells[:0])
     parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
-    if unusual[0]:
+    if unsafe[0]:
         return find_first_hits(bvh, origins, rescale_directions(directions))
     return face_ids, distances
 
 
 @njit(cache=True)
 def _are_scattered(directions):
-    """Whether rays that follow each other go anywhere, so that a block of them, as they come, has nothing in common."""
-    n, m = len(directions) // BLOCK_RAYS, (BLOCK_RAYS + SAMPLE_STEP - 1) // SAMPLE_STEP  # blocks, rays asked of each
+    """Return whether the rays of a block, in the given order, go in unrelated directions."""
+    n, m = len(directions) // BLOCK_RAYS, (BLOCK_RAYS + SAMPLE_STEP - 1) // SAMPLE_STEP  # blocks, samples of each
     if n < 2:
         return False
     squares, of_blocks, of_all = 0.0, 0.0, 0.0
@@ -162,12 +160,12 @@ def _are_scattered(directions):
             of_blocks += part * part / m
             total += part
         of_all += total * total / (n * m)
-    return squares - of_blocks > SCATTERED * (squares - of_all)
+    return squares - of_blocks > SCATTERED_SHARE * (squares - of_all)
 
 
 @njit(cache=True, _nrt=True)
 def _order_of_cells(cells, bits):
-    """Return the order of the cells of any number of rays, (n,) uint32; those of one cell stay as they come."""
+    """Return the indices that sort rays by cell, (n,) uint32; rays of one cell keep their order."""
     starts, order = np.zeros((N_FRAMES << (2 * bits)) + 1, dtype=np.int64), np.empty(len(cells), dtype=np.uint32)
     for cell in cells:
         starts[cell] += 1
@@ -182,7 +180,7 @@ _make_workspace = njit(_nrt=True)(make_workspace)
 
 
 @njit(_nrt=True)
-def _make_places():
+def _make_bins():
     room = BLOCK_RAYS + N_FRAMES * PACKET
     return RayBins(
         coordinates=np.empty((2, room), dtype=np.float32),
@@ -191,7 +189,7 @@ def _make_places():
         ends=np.zeros(N_FRAMES, dtype=np.int64),
         unsorted=np.empty(2 * BLOCK_RAYS, dtype=np.float32),
         cells=np.empty(BLOCK_RAYS, dtype=np.int32),
-        counts=np.empty(N_FRAMES << (2 * MOST_BITS), dtype=np.int32),
+        counts=np.empty(N_FRAMES << (2 * MAX_BITS), dtype=np.int32),
     )
 
 
@@ -206,25 +204,25 @@ def _make_block():
     )
 
 
-@shared_with_memory
+@allocating_kernel
 def _cast_blocks(tasks, bvh, views, query):
-    """Take blocks of rays, in an order or as they come, and fill in their answers, or cells where these are asked.
+    """Process blocks of rays: write their answers, or their cells if `query` has an array for cells.
 
-    What a thread works with is allocated here: in Python threads would do so one after the other.
+    Each thread allocates its memory here: in Python the threads would allocate one after the other.
     """
-    space, places = _make_workspace(len(bvh.used), len(bvh.n_children)), _make_places()
-    _cast_tasks(tasks, reference(bvh), views, query, (space, places, make_state(), _make_block()))
+    space, bins = _make_workspace(len(bvh.used), len(bvh.n_children)), _make_bins()
+    _cast_tasks(tasks, pointer_to(bvh), views, query, (space, bins, make_state(), _make_block()))
 
 
 @device_function
 def _cast_tasks(tasks, bvh, views, query, memory):
-    space, places, state, block = reference(memory[0]), reference(memory[1]), reference(memory[2]), memory[3]
+    space, bins, state, block = pointer_to(memory[0]), pointer_to(memory[1]), pointer_to(memory[2]), memory[3]
     order, cells, bits = query.order, query.cells, query.bits
     axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(query.away, 1e-300)
-    projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, F32_MAX)
+    projected, rect = -1, ImageRect(ZERO, ZERO, ZERO, ZERO, F32_MAX)
     if len(axes) == 1:
-        project_children(bvh, 0, reference(view_of(views, 0, 0)), space)
-        projected, window = 0, _window_of_bvh(bvh, space)
+        project_children(bvh, 0, pointer_to(view_of(views, 0, 0)), space)
+        projected, rect = 0, _rect_of_bvh(bvh, space)
     end = take_end(tasks)
     first, last = take_block_from(tasks, end, len(query.face_ids), BLOCK_RAYS)
     while first < last:
@@ -235,26 +233,26 @@ def _cast_tasks(tasks, bvh, views, query, memory):
             directions, face_ids, distances = block.directions[: 3 * n], block.face_ids[:n], block.distances[:n]
             _gather(query.directions, order[first:last], directions)
         elif not have_safe_norms(query.patterns[3 * first : 3 * last]):
-            query.unusual[0] = 1
+            query.unsafe[0] = 1
             return
-        _find_places(axes, window, bits, directions, places)
+        _bin_rays(axes, rect, bits, directions, bins)
         if len(cells):
             for i in range(n):
-                cells[first + i] = places.cells[i]
+                cells[first + i] = bins.cells[i]
         else:
-            _sort_places(n, len(axes), bits, places)
+            _sort_bins(n, len(axes), bits, bins)
             face_ids[:] = -1
-            rays = Rays(query.origin, directions, face_ids, block.heights, block.slopes, places.order)
+            rays = PacketRays(query.origin, directions, face_ids, block.heights, block.slopes, bins.order)
             before = max(projected, 0)
             for i in range(len(axes)):
-                frame = (before + i) % len(axes)  # first the one whose boxes have been projected
-                if places.ends[frame] > places.starts[frame]:
+                frame = (before + i) % len(axes)  # start with the frame whose boxes are projected already
+                if bins.ends[frame] > bins.starts[frame]:
                     view = view_of(views, 0, frame)
-                    view_at = reference(view)
+                    view_at = pointer_to(view)
                     projected = frame
-                    farthest = np.float32(2.1) * view.reach
-                    ray_frame = RayFrame(len(axes) > 1, axes[frame, 2], inverse_away, farthest)
-                    _cast_frame(bvh, view_at, ray_frame, rays, places, frame, space, state)
+                    max_w = np.float32(2.1) * view.magnitude
+                    ray_frame = RayFrame(len(axes) > 1, axes[frame, 2], inverse_away, max_w)
+                    _cast_frame(bvh, view_at, ray_frame, rays, bins, frame, space, state)
             _measure(directions, face_ids, block.heights, block.slopes, distances)
             if len(order):
                 for i in range(n):
@@ -264,19 +262,19 @@ def _cast_tasks(tasks, bvh, views, query, memory):
 
 
 @device_function
-def _window_of_bvh(bvh, space):
-    """Return the window that holds the projected children of the root."""
+def _rect_of_bvh(bvh, space):
+    """Return the rectangle around the projected children of the root."""
     bounds = space.rectangles
     left, right, bottom, top = F32_MAX, -F32_MAX, F32_MAX, -F32_MAX
     for i in range(bvh.n_children[0]):
         left, right = min(left, bounds[LEFT, i]), max(right, bounds[RIGHT, i])
         bottom, top = min(bottom, bounds[BOTTOM, i]), max(top, bounds[TOP, i])
-    return Window(left, right, bottom, top, F32_MAX)
+    return ImageRect(left, right, bottom, top, F32_MAX)
 
 
 @device_function
 def _gather(directions, order, chosen):
-    """Copy the directions of an order."""
+    """Copy directions in a given order."""
     for i in range(len(order)):
         for axis in range(3):
             chosen[3 * i + axis] = directions[3 * order[i] + axis]
@@ -284,7 +282,7 @@ def _gather(directions, order, chosen):
 
 @device_function
 def _measure(directions, face_ids, heights, slopes, distances):
-    """Turn quotients into distances, a run of rays at a time: a picture has many that meet nothing."""
+    """Turn quotients into distances, skipping runs of rays that meet nothing."""
     for first in range(0, len(distances), RUN_RAYS):
         last = min(first + RUN_RAYS, len(distances))
         met, along = face_ids[first:last], directions[3 * first : 3 * last]
@@ -304,7 +302,7 @@ def _largest(face_ids):
 
 @njit(error_model="numpy")
 def _divide(directions, face_ids, heights, slopes, distances):
-    """Divide; a loop without branches, which takes several rays at a time."""
+    """Compute distances; without branches, so that the compiler vectorises the loop."""
     for i in range(len(distances)):
         x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
         distance = heights[i] / slopes[i] * math.sqrt(x * x + y * y + z * z)
@@ -312,47 +310,47 @@ def _divide(directions, face_ids, heights, slopes, distances):
 
 
 @device_function
-def _cast_frame(bvh, view, frame, rays, places, number, space, state):
-    first, end, room = places.starts[number], places.ends[number], places.coordinates.shape[1]
-    n_before = list_candidates(bvh, view, window_of(places.coordinates, first, end, frame.farthest), space)
+def _cast_frame(bvh, view, frame, rays, bins, number, space, state):
+    first, end, room = bins.starts[number], bins.ends[number], bins.coordinates.shape[1]
+    n_before = list_candidates(bvh, view, rect_of_rays(bins.coordinates, first, end, frame.max_w), space)
     if n_before == 0:
         return
     for chunk in range(first, end, CHUNK_POINTS):
         last = min(chunk + CHUNK_POINTS, end)
-        n_listed = choose(n_before, window_of(places.coordinates, chunk, last, frame.farthest), space)
+        n_listed = select_candidates(n_before, rect_of_rays(bins.coordinates, chunk, last, frame.max_w), space)
         if n_listed == 0:
             continue
         for packet in range(chunk, last, PACKET):
             for at in range(0, PACKET, N_LANES):
-                store(state.coordinates, at, load(places.coordinates, packet + at))
-                store(state.coordinates, PACKET + at, load(places.coordinates, room + packet + at))
+                store(state.coordinates, at, load(bins.coordinates, packet + at))
+                store(state.coordinates, PACKET + at, load(bins.coordinates, room + packet + at))
             chosen = rays.chosen[packet : min(packet + PACKET, last)]
-            taken = Rays(rays.origin, rays.directions, rays.face_ids, rays.heights, rays.slopes, chosen)
+            taken = PacketRays(rays.origin, rays.directions, rays.face_ids, rays.heights, rays.slopes, chosen)
             first_hits_of_packet(bvh, view, frame, taken, n_listed, space, state)
 
 
-# Places of rays: a block is sorted by them
+# Bins: a block of rays is sorted by position in the image
 
 
 @device_function
-def _find_places(axes, window, bits, directions, places):
-    """Fill in the places of a block's rays, directions (3 m,), and their cells.
+def _bin_rays(axes, rect, bits, directions, bins):
+    """Compute image positions and cells of a block of rays, directions (3 m,).
 
-    `axes` are the rows x, y, w of each frame, (1 or 6, 3, 3); `window` holds the scene in an only frame: the rest of
-    the image shows nothing.
+    `axes` holds the rows x, y, w of each frame, (1 or 6, 3, 3). `rect` is the rectangle around the scene if there is
+    one frame; rays outside it meet nothing.
     """
     n = len(directions) // 3
     if len(axes) == 1:
-        _place_from_outside(axes[0], directions, places.unsorted[: 2 * n])
-        _number_cells(window, bits, places.unsorted[: 2 * n], places.cells[:n])
+        _place_from_outside(axes[0], directions, bins.unsorted[: 2 * n])
+        _number_cells(rect, bits, bins.unsorted[: 2 * n], bins.cells[:n])
     else:
-        _place_on_cube(directions, bits, places.unsorted[: 2 * n], places.cells[:n])
+        _place_on_cube(directions, bits, bins.unsorted[: 2 * n], bins.cells[:n])
 
 
 @device_function
-def _sort_places(n, n_frames, bits, places):
+def _sort_bins(n, n_frames, bits, bins):
     """Sort the n rays of a block by their cells."""
-    cells, counts, size = places.cells[:n], places.counts, 1 << (2 * bits)
+    cells, counts, size = bins.cells[:n], bins.counts, 1 << (2 * bits)
     nowhere, present, total = n_frames * size, 0, 0
     for i in range(n):
         present |= 1 << (cells[i] >> (2 * bits))
@@ -363,22 +361,22 @@ def _sort_places(n, n_frames, bits, places):
         if cells[i] < nowhere:
             counts[cells[i]] += 1
     for frame in range(n_frames):
-        places.starts[frame] = total
+        bins.starts[frame] = total
         if present >> frame & 1:
             total = _accumulate(counts[frame * size : (frame + 1) * size], total)
-        places.ends[frame] = total
+        bins.ends[frame] = total
         total = (total + PACKET - 1) // PACKET * PACKET
-    x, y = places.coordinates[0], places.coordinates[1]
-    _scatter(cells, nowhere, places.unsorted, counts, x, y, places.order)
+    x, y = bins.coordinates[0], bins.coordinates[1]
+    _scatter(cells, nowhere, bins.unsorted, counts, x, y, bins.order)
     for frame in range(n_frames):
-        last = places.ends[frame] - 1
+        last = bins.ends[frame] - 1
         for at in range(last + 1, last + 1 + -(last + 1) % PACKET):
             x[at], y[at] = x[last], y[last]
 
 
 @device_function
 def _accumulate(counts, total):
-    """Turn counts of cells into where each begins; return where the last one ends."""
+    """Turn counts of cells into the start of each cell, beginning at `total`; return the end of the last one."""
     for cell in range(len(counts)):
         count = counts[cell]
         counts[cell] = total
@@ -388,7 +386,7 @@ def _accumulate(counts, total):
 
 @device_function
 def _scatter(cells, nowhere, unsorted, starts, x, y, order):
-    """Write the places and numbers of rays where they go."""
+    """Write positions and indices of rays in the order of their cells."""
     for i in range(len(cells)):
         if cells[i] >= nowhere:
             continue
@@ -397,12 +395,12 @@ def _scatter(cells, nowhere, unsorted, starts, x, y, order):
         x[at], y[at], order[at] = unsorted[2 * i], unsorted[2 * i + 1], i
 
 
-# The loops below take several rays at a time: they have no branches, and arrays of one axis, whose strides are known.
+# The compiler vectorises the loops below: they have no branches, and flat arrays, whose strides are known.
 
 
 @njit(error_model="numpy")
 def _place_from_outside(axes, directions, coordinates):
-    """Find places; infinity for a ray that goes away."""
+    """Compute positions in the frame of an eye outside; x is infinite for a ray that leads away."""
     for i in range(len(coordinates) // 2):
         x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
         u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
@@ -413,15 +411,15 @@ def _place_from_outside(axes, directions, coordinates):
 
 
 @njit(error_model="numpy")
-def _number_cells(window, bits, coordinates, cells):
-    """Number the cells of an only frame, which cover a window; beyond it nothing is met."""
+def _number_cells(rect, bits, coordinates, cells):
+    """Compute the cells of a single frame, which divide a rectangle; rays outside it get the cell past the last."""
     nowhere, most = np.int32(1 << (2 * bits)), np.float32((1 << bits) - 1)
-    across = most / max(window.right - window.left, LEAST_WIDTH)
-    upwards = most / max(window.top - window.bottom, LEAST_WIDTH)
+    across = most / max(rect.right - rect.left, MIN_WIDTH)
+    upwards = most / max(rect.top - rect.bottom, MIN_WIDTH)
     for i in range(len(cells)):
         x, y = coordinates[2 * i], coordinates[2 * i + 1]
-        within = (x >= window.left) & (x <= window.right) & (y >= window.bottom) & (y <= window.top)
-        cell = _cell_at(np.int32((x - window.left) * across), np.int32((y - window.bottom) * upwards))
+        within = (x >= rect.left) & (x <= rect.right) & (y >= rect.bottom) & (y <= rect.top)
+        cell = _cell_at(np.int32((x - rect.left) * across), np.int32((y - rect.bottom) * upwards))
         cells[i] = cell if within else nowhere
 
 
@@ -450,13 +448,13 @@ def _largest3(a, b, c):
 
 @always_inline
 def _cell_at(column, row):
-    """Number of a cell along a Morton curve."""
+    """Return the index of a cell along a Morton curve."""
     return _spread_bits(column) | (_spread_bits(row) << np.int32(1))
 
 
 @always_inline
 def _spread_bits(i):
-    """The `MOST_BITS` bits of a number with gaps between them."""
+    """Insert a zero before each of the `MAX_BITS` bits of a number."""
     i = (i | (i << np.int32(4))) & np.int32(0x30F)
     i = (i | (i << np.int32(2))) & np.int32(0x333)
     return (i | (i << np.int32(1))) & np.int32(0x555)

@@ -1,33 +1,34 @@
-"""Triangle set-up: the 16 faces of a leaf as a view sees them, in edge functions scaled by their error, and planes.
+"""Triangle set-up: edge functions, in units of their error, and planes of the 16 faces of a leaf in a view.
 
-Error analysis, continued from `project`: u is float32's unit roundoff, *reach* a point's distance from the centre or 1.
+Error analysis, continued from `project`: u is float32's unit roundoff, *magnitude* as there.
 
-* The plane's value ``n . p - offset`` errs by less than ``PLANE_ERROR = 12 u`` times the reach.
+* The plane's value ``n . p - offset`` errs by less than ``PLANE_ERROR = 12 u`` times the magnitude.
 * An edge function is the determinant of P = (x / w, y / w, 1) and the edge's projected ends A and B, computed as
   P . (A x (B - A)). Let S be the largest norm of the face's projected corners, L that of their differences, |P| < 1.8
-  reach. Arithmetic errs by less than 8 u |P| S L; the point's error moves the value by less than (23 reach / w + 2) u S
-  L; the ends' by 14 u (|B x P| + |A x P|) where, for a P that sees the face, P is a combination of its corners with
-  weights up to 1 / nearest (the smallest w at which the face is seen), hence by 28 u S L / nearest. ``EDGE_ERROR`` =
-  80 u times S L max(1, 1 / nearest) times reach / w covers the sum; 80 u S (1 + L) does so without knowing `nearest`.
-  A P that does not see the face needs no bound: the computed functions are those of one slightly moved triangle, and
-  a point that lies inside that by more than the error lies inside the true one.
+  magnitude. Arithmetic errs by less than 8 u |P| S L. The point's error moves the value by less than
+  (23 magnitude / w + 2) u S L. The ends' errors move it by 14 u (|B x P| + |A x P|). Let `nearest` be the smallest w at
+  which the face is seen. A P inside the projected face is a combination of its corners with weights up to 1 / nearest,
+  so the ends' errors move it by 28 u S L / nearest. ``EDGE_ERROR`` = 80 u times S L max(1, 1 / nearest) times
+  magnitude / w covers the sum; 80 u S (1 + L) covers it without knowing `nearest`. A P outside the face needs no bound:
+  the computed functions are those of a slightly moved triangle, and a point inside that by more than the error is
+  inside the true triangle.
 
-So edge functions are divided by their error for a point with reach / w = 1; comparing them with the points' `blur`,
-the largest such ratio, says what is certain.
+Edge functions are therefore divided by their error for a point with magnitude / w = 1. Comparing them with the points'
+`error_scale`, the largest magnitude / w, tells which answers are certain.
 
-Of rays the depth of each face's plane is needed. A ray's place in the image is P = (X, Y, 1). Where it meets a plane is
-monotone in g, which is linear in X and Y:
+Rays also need the depth of each face's plane. A ray's position in the image is P = (X, Y, 1). The distance at which it
+meets a plane is monotone in g, which is linear in X and Y:
 
-* inside, g = -1 / w, where w is in scene units along the frame's axis: -g = n . r / h with r = X right + Y up + forward
-  and h = offset - n . eye.
-* outside, g = D (1 - 1 / w), where w is 1 at the scene's centre, D away from the eye: so float32 resolves the scene
-  equally well from any distance. g = (offset - X n . right - Y n . up) / h with h = offset / D + n . forward.
+* For an eye inside, g = -1 / w, with w in scene units along the frame's axis. With r = X right + Y up + forward and
+  h = offset - n . eye, -g = n . r / h.
+* For an eye outside, g = D (1 - 1 / w). Here w is 1 at the scene's centre, at the distance D from the eye, so that
+  float32 resolves the scene equally well from any distance. With h = offset / D + n . forward,
+  g = (offset - X n . right - Y n . up) / h.
 
-With `size` as in `_set_up_planes`: normal, offset and frame are rounded once, so h errs by less than ``PLANE_ERROR
-size`` (from outside, ``PLANE_ERROR``), and so g by that over h, relatively. The numerator has three terms of at most
-1.5, whose factors err by 8 u at most; with the rounding of products and sums it errs by less than 48 u. `DEPTH_ERROR`
-and `HEIGHT_ERROR` have room for the rounding of the bounds themselves. Faces whose h is below twice its error are left
-to float64.
+Let `size` be as in `_set_up_planes`. Normal, offset and frame are rounded once, so h errs by less than ``PLANE_ERROR
+size`` (from outside, ``PLANE_ERROR``), and g by that over h, relatively. The numerator has three terms of at most 1.5,
+whose factors err by 8 u at most; with the rounding of products and sums it errs by less than 48 u. `DEPTH_ERROR` and
+`HEIGHT_ERROR` have a margin for the rounding of the bounds themselves. If h is below twice its error, float64 decides.
 """
 
 import numpy as np
@@ -39,11 +40,11 @@ from zbuf_occlude.exact.layout import (
     EDGE_ERROR,
     EDGES,
     F32_MAX,
-    FARTHEST,
     HALF,
     LEAF,
     LEFT,
-    NEAREST,
+    MAX_W,
+    MIN_W,
     NORMAL,
     ONE,
     PLANE_ERROR,
@@ -56,6 +57,7 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.jit.compiler import always_inline, device_function
 from zbuf_occlude.jit.simd import (
     absolute,
+    blend,
     divide,
     dot3,
     greater,
@@ -67,7 +69,6 @@ from zbuf_occlude.jit.simd import (
     minimum,
     muladd,
     not_less,
-    select,
     splat,
     splat3,
     square_root,
@@ -78,16 +79,16 @@ from zbuf_occlude.jit.simd import (
 from zbuf_occlude.jit.vec3 import cross, minus
 
 DEPTH = NORMAL
-"""First of the rows with g = A x + B y + C, and its error, E + F |g|; in the place of the planes that points need."""
+"""First row of g = A x + B y + C and its error E + F |g|; these rows replace the planes that points need."""
 DEPTH_ERROR = np.float32(64.0) * ROUNDOFF
 HEIGHT_ERROR = np.float32(2.0) * PLANE_ERROR
-WITHIN = np.float32(1.001)
-"""A ray passes a face for certain where its edge functions, in units of their error, are above this."""
+CERTAIN = np.float32(1.001)
+"""Value of all edge functions, in units of their error, above which a ray certainly passes through the face."""
 
 
 @always_inline
 def slot_of(bvh, leaf, view, space, set_up):
-    """Slot that holds a leaf's set-up for this view; where none does, call `set_up_for_points` or `set_up_for_rays`."""
+    """Return the slot of a leaf's set-up for this view; fill it by `set_up` (for points or for rays) if need be."""
     slot = leaf & (len(space.slot_tags) - 1)
     tag = view.number * len(bvh.used) + leaf
     if space.slot_tags[slot] != tag:
@@ -127,7 +128,7 @@ def _set_up_faces(bvh, leaf, view, space, slot):
 
 @always_inline
 def _project_corner(bvh, base, view):
-    """Homogeneous coordinates of a corner of 16 faces, which begins at a flat index of the scene's."""
+    """Return the homogeneous coordinates of a corner of 16 faces, read from flat index `base` of the corners."""
     x, y, z = load3(bvh.corners, base, LEAF)
     return transform(view.matrix, x, y, z)
 
@@ -149,8 +150,8 @@ def _set_up_planes(bvh, leaf, view, space, slot):
     edge_on = not_less(splat(np.float32(2.0) * PLANE_ERROR * size), absolute(height))
     row = (slot * SETUP_ROWS + NORMAL) * LEAF
     for axis in range(3):
-        store(space.setups, row + axis * LEAF, select(below, zero - normal[axis], normal[axis]))
-    store(space.setups, row + 3 * LEAF, select(below, zero - offset, offset))
+        store(space.setups, row + axis * LEAF, blend(below, zero - normal[axis], normal[axis]))
+    store(space.setups, row + 3 * LEAF, blend(below, zero - offset, offset))
     row = (slot * SETUP_ROWS + CONTACT) * LEAF
     store(space.setups, row, absolute(height) * splat(np.float32(bvh.contact)))
     return below, (edge_on | bvh.weak[leaf]) & used
@@ -161,33 +162,33 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
     """Write edge functions P . (A x (B - A)), turned like the planes, in units of their error."""
     a, b, c = corners
     one, zero, endless = splat(ONE), splat(ZERO), splat(F32_MAX)
-    # nearest w at which the window can show the face: of its corners, or its distance from the eye
+    # smallest w at which the frame can show the face: that of its corners, or its distance from the eye
     nearest = minimum(a[2], minimum(b[2], c[2]))
     if view.near > ZERO:
         aside = maximum(
             maximum(minimum(a[0], minimum(b[0], c[0])), zero - maximum(a[0], maximum(b[0], c[0]))),
             maximum(minimum(a[1], minimum(b[1], c[1])), zero - maximum(a[1], maximum(b[1], c[1]))),
         )
-        nearest = maximum(nearest, aside * splat(ONE / (view.window * np.float32(1.001))))
-    nearest = nearest - splat(COORDINATE_ERROR * view.reach)
+        nearest = maximum(nearest, aside * splat(ONE / (view.half_width * np.float32(1.001))))
+    nearest = nearest - splat(COORDINATE_ERROR * view.magnitude)
     ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
     span = square_root(maximum(maximum(dot3(a, a, zero), dot3(b, b, zero)), dot3(c, c, zero)))
     length = square_root(maximum(maximum(dot3(ab, ab, zero), dot3(bc, bc, zero)), dot3(ca, ca, zero)))
     ahead = greater(nearest, zero)
-    stretch = maximum(one, divide(one, select(ahead, nearest, one)))
-    size = minimum(select(ahead, length * stretch, endless), one + length) * span
-    scale = divide(one, maximum(size * splat(EDGE_ERROR * view.reach), splat(np.float32(1e-30))))
-    scale = select(below, scale, zero - scale)
+    stretch = maximum(one, divide(one, blend(ahead, nearest, one)))
+    size = minimum(blend(ahead, length * stretch, endless), one + length) * span
+    scale = divide(one, maximum(size * splat(EDGE_ERROR * view.magnitude), splat(np.float32(1e-30))))
+    scale = blend(below, scale, zero - scale)
     p, q, r = _scaled(cross(a, ab), scale), _scaled(cross(b, bc), scale), _scaled(cross(c, ca), scale)
     if doubtful:
-        # which side is inside is unknown: a band about the longest edge that holds the face, or everything
+        # the inner side is unknown: take a band about the longest edge that holds the face, or the whole image
         first, second, third = dot3(p, p, zero), dot3(q, q, zero), dot3(r, r, zero)
         is_second, is_third = greater(second, maximum(first, third)), greater(third, maximum(first, second))
         edge = _chosen(is_third, r, _chosen(is_second, q, p))
-        # the determinant of the corners is what each edge function is at the corner across
+        # the determinant of the corners is the value of each edge function at the opposite corner
         volume = absolute(dot3(p, c, zero))
         band = divide(one, splat(np.float32(3.0)) + volume * stretch)
-        edge = _scaled(edge, select(ahead, band, zero))
+        edge = _scaled(edge, blend(ahead, band, zero))
         p = _chosen(doubtful, edge, p)
         q = _chosen(doubtful, _scaled(edge, zero - one), q)
         r = _chosen(doubtful, (zero, zero, zero), r)
@@ -204,7 +205,7 @@ def _scaled(a, scale):
 
 @always_inline
 def _chosen(mask, a, b):
-    return select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2])
+    return blend(mask, a[0], b[0]), blend(mask, a[1], b[1]), blend(mask, a[2], b[2])
 
 
 @always_inline
@@ -212,26 +213,26 @@ def _bound(corners, used, view, space, slot):
     """Write the rectangle around the faces, as `project.project_boxes` does."""
     a, b, c = corners
     far, low = splat(F32_MAX), splat(-F32_MAX)
-    error, bounds = COORDINATE_ERROR * view.reach, space.slot_rectangles
-    nearest = lowest(select(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
-    bounds[NEAREST, slot] = nearest
-    bounds[FARTHEST, slot] = highest(select(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
+    error, bounds = COORDINATE_ERROR * view.magnitude, space.slot_rectangles
+    nearest = lowest(blend(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
+    bounds[MIN_W, slot] = nearest
+    bounds[MAX_W, slot] = highest(blend(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
     if nearest <= ZERO:
         bounds[LEFT, slot], bounds[RIGHT, slot] = -F32_MAX, F32_MAX
         bounds[BOTTOM, slot], bounds[TOP, slot] = -F32_MAX, F32_MAX
         return
     ia, ib, ic = divide(splat(ONE), a[2]), divide(splat(ONE), b[2]), divide(splat(ONE), c[2])
-    blur = error * np.float32(1.01) / nearest
+    margin = error * np.float32(1.01) / nearest
     xa, xb, xc, ya, yb, yc = a[0] * ia, b[0] * ib, c[0] * ic, a[1] * ia, b[1] * ib, c[1] * ic
-    bounds[LEFT, slot] = lowest(select(used, minimum(xa, minimum(xb, xc)), far)) - blur
-    bounds[RIGHT, slot] = highest(select(used, maximum(xa, maximum(xb, xc)), low)) + blur
-    bounds[BOTTOM, slot] = lowest(select(used, minimum(ya, minimum(yb, yc)), far)) - blur
-    bounds[TOP, slot] = highest(select(used, maximum(ya, maximum(yb, yc)), low)) + blur
+    bounds[LEFT, slot] = lowest(blend(used, minimum(xa, minimum(xb, xc)), far)) - margin
+    bounds[RIGHT, slot] = highest(blend(used, maximum(xa, maximum(xb, xc)), low)) + margin
+    bounds[BOTTOM, slot] = lowest(blend(used, minimum(ya, minimum(yb, yc)), far)) - margin
+    bounds[TOP, slot] = highest(blend(used, maximum(ya, maximum(yb, yc)), low)) + margin
 
 
 @always_inline
 def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
-    """Write g and its error; return the mask of the faces whose g means nothing."""
+    """Write g and its error; return the mask of the faces whose g is unknown."""
     base, zero, one = leaf * 4 * LEAF, splat(ZERO), splat(ONE)
     normal, offset = load3(bvh.planes, base, LEAF), load(bvh.planes, base + 3 * LEAF)
     matrix = view.matrix
@@ -247,24 +248,24 @@ def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
         height, constant = muladd(offset, splat(ONE / away), w * splat(away)), offset
     error = splat(HEIGHT_ERROR * size)
     unknown = doubtful | not_less(error, absolute(height))
-    inverse = divide(one, select(unknown, one, height))
+    inverse = divide(one, blend(unknown, one, height))
     row, width = (slot * SETUP_ROWS + DEPTH) * LEAF, LEAF
-    store(space.setups, row, select(unknown, zero, zero - x * inverse))
-    store(space.setups, row + width, select(unknown, zero, zero - y * inverse))
-    store(space.setups, row + 2 * width, select(unknown, zero, constant * inverse))
+    store(space.setups, row, blend(unknown, zero, zero - x * inverse))
+    store(space.setups, row + width, blend(unknown, zero, zero - y * inverse))
+    store(space.setups, row + 2 * width, blend(unknown, zero, constant * inverse))
     inverse = absolute(inverse)
-    store(space.setups, row + 3 * width, select(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
-    store(space.setups, row + 4 * width, select(unknown, zero, inverse * error))
+    store(space.setups, row + 3 * width, blend(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
+    store(space.setups, row + 4 * width, blend(unknown, zero, inverse * error))
     return unknown & bvh.used[leaf]
 
 
 @always_inline
-def faces_before(bvh, leaf, space, slot, window, limit):
-    """Mask of the faces of a leaf that may be met within a `Window` at a g of at most `limit`."""
+def faces_before(bvh, leaf, space, slot, rect, limit):
+    """Return the mask of the faces of a leaf that may be met within an `ImageRect` at a g of at most `limit`."""
     base = slot * SETUP_ROWS * LEAF
-    cx, hx = splat(HALF * (window.left + window.right)), splat(HALF * (window.right - window.left))
-    cy, hy = splat(HALF * (window.bottom + window.top)), splat(HALF * (window.top - window.bottom))
-    least = splat(-WITHIN)
+    cx, hx = splat(HALF * (rect.left + rect.right)), splat(HALF * (rect.right - rect.left))
+    cy, hy = splat(HALF * (rect.bottom + rect.top)), splat(HALF * (rect.top - rect.bottom))
+    least = splat(-CERTAIN)
     mask = bvh.used[leaf]
     for edge in range(3):
         a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)

@@ -1,1 +1,1 @@
-"""Pure functions of arrays: meshes and their colours, cameras, points on surfaces, the definition of "blocked"."""
+"""Geometry: meshes and their colours, cameras, points on surfaces, and the definition of "blocked"."""

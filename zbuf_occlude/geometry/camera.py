@@ -16,13 +16,13 @@ from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, as_number, as_nu
 from zbuf_occlude.errors import ArgumentError
 
 WIDEST = 1.5
-"""A single frustum may open so far to either side (tangent; 56 degrees); beyond, cube faces use their pixels better."""
+"""Maximum tangent to either side of a single frustum (56 degrees); beyond it cube faces use their pixels better."""
 
 MARGIN = 0.05
-"""Free border around what a picture holds, as a fraction of it."""
+"""Border around the positions that a picture is fitted to, as a fraction of their extent."""
 
 _CUBE_AXES = np.array(
-    # right, up, backward: rows of the rotation from world to eye space
+    # rows of the rotation from world to eye space: right, up, backward
     [
         [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],  # looks along +x
         [[0, 0, -1], [0, 1, 0], [1, 0, 0]],  # -x
@@ -38,7 +38,7 @@ _CUBE_AXES = np.array(
 def as_rigid(pose: ArrayLike, name: str, within: float = 1e-5) -> FloatArray:
     """Return a pose (4, 4) as float64.
 
-    Raises ArgumentError where it is no rigid motion, entries off by `within` at most, with the last row 0 0 0 1.
+    Raises ArgumentError unless it is a rigid motion, to within `within` per entry, with the last row 0 0 0 1.
     """
     matrix = as_numbers(pose, name, (4, 4))
     if not (np.abs(matrix) <= LARGEST).all():
@@ -52,21 +52,21 @@ def as_rigid(pose: ArrayLike, name: str, within: float = 1e-5) -> FloatArray:
 
 
 def unit_quaternions(quaternions: ArrayLike) -> FloatArray:
-    """Return quaternions (..., 4) of length 1; raise ArgumentError where one is 0 or not finite."""
+    """Return the quaternions (..., 4) scaled to length 1; raise ArgumentError if one is 0 or not finite."""
     given = np.asarray(quaternions, dtype=np.float64)
     largest = np.abs(given).max(axis=-1, keepdims=True)
     if not (np.isfinite(largest) & (largest > 0.0)).all():
         raise ArgumentError("a quaternion must be finite and not zero; one is not. Repair it.")
-    given = given / largest  # the square of a large one overflows, that of a small one is 0
+    given = given / largest  # the square of a large component would overflow, that of a small one would be 0
     return np.asarray(given / np.linalg.norm(given, axis=-1, keepdims=True))
 
 
 FIELDS_OF_VIEW = 1e-3, 179.9
-"""Degrees that a picture may show: beyond them its tangents are no numbers of single precision."""
+"""Bounds of a field of view, degrees: beyond them float32 cannot represent its tangents."""
 
 
 def field_of_view(degrees: float) -> float:
-    """Return a field of view in radians; raise ArgumentError for what is none."""
+    """Return a field of view in radians; raise ArgumentError if it is out of bounds."""
     low, high = FIELDS_OF_VIEW
     want = f"a number from {low:g} to {high:g}, degrees"
     return math.radians(as_number(degrees, "fov", want, lambda number: low <= number <= high))
@@ -84,7 +84,7 @@ def rotations_of(quaternions: ArrayLike) -> FloatArray:
 
 
 class Frusta(NamedTuple):
-    """Off-centre frusta, one for each of k cameras; (k,) each.
+    """Off-centre frusta, one for each of k cameras; each field is (k,).
 
     `left`, `right`, `bottom`, `top` are tangents (eye x or y over eye depth), `near` and `far` eye depths, positive.
     """
@@ -98,16 +98,16 @@ class Frusta(NamedTuple):
 
 
 def view_matrices(eyes: ArrayLike, targets: ArrayLike, ups: ArrayLike | None = None) -> FloatArray:
-    """Return the matrices that take world space to eye space.
+    """Return the matrices from world space to eye space.
 
     Parameters
     ----------
     eyes : (k, 3) float
         Centres of projection, world space.
     targets : (3,) or (k, 3) float
-        What the cameras look at, world space.
+        Points that the cameras look at, world space.
     ups : (3,) or (k, 3) float, optional
-        Directions that shall point up in the picture. By default +z, or +y for a camera that looks along z.
+        Up vectors. By default +z, or +y for a camera that looks along z.
 
     Returns
     -------
@@ -116,13 +116,13 @@ def view_matrices(eyes: ArrayLike, targets: ArrayLike, ups: ArrayLike | None = N
     Raises
     ------
     ArgumentError
-        An eye at its target, or an up vector of no length or along the line of sight.
+        An eye coincides with its target, or an up vector is zero or parallel to the line of sight.
     """
     eyes = as_vectors(eyes, "eyes")
     backward = eyes - np.broadcast_to(np.asarray(targets, dtype=np.float64), eyes.shape)
     distances = np.linalg.norm(backward, axis=1)
     if not (distances > 0).all():
-        raise ArgumentError(f"an eye must not be at its target; eye {int(np.argmin(distances))} is.")
+        raise ArgumentError(f"Eye {int(np.argmin(distances))} coincides with its target.")
     backward = backward / distances[:, None]
     if ups is None:
         along_z = np.abs(backward[:, 2:]) > 1.0 - 1e-6
@@ -131,21 +131,21 @@ def view_matrices(eyes: ArrayLike, targets: ArrayLike, ups: ArrayLike | None = N
     lengths = np.linalg.norm(right, axis=1)
     if not (lengths > 1e-9).all():
         raise ArgumentError(
-            f"an up vector must not lie along the line of sight; that of eye {int(np.argmin(lengths))} does."
+            f"The up vector of eye {int(np.argmin(lengths))} is parallel to its line of sight, or zero."
         )
     right /= lengths[:, None]
     return rigid_matrices(np.stack([right, np.cross(backward, right), backward], axis=1), eyes)
 
 
 def cube_view_matrices(eyes: ArrayLike) -> FloatArray:
-    """Return six view matrices an eye, looking along +x, -x, +y, -y, +z, -z: (k, 6, 4, 4) float64."""
+    """Return six view matrices per eye, looking along +x, -x, +y, -y, +z, -z: (k, 6, 4, 4) float64."""
     eyes = as_vectors(eyes, "eyes")
     rotations = np.broadcast_to(_CUBE_AXES, (len(eyes), 6, 3, 3))
     return rigid_matrices(rotations, np.broadcast_to(eyes[:, None], (len(eyes), 6, 3)))
 
 
 def cube_faces(directions: ArrayLike) -> FloatArray:
-    """Return which of the six cube faces each direction (..., 3) falls on, in the order of `cube_view_matrices`."""
+    """Return the index of the cube face that each direction (..., 3) falls on, in the order of `cube_view_matrices`."""
     directions = np.asarray(directions, dtype=np.float64)
     axis = np.abs(directions).argmax(axis=-1)
     negative = np.take_along_axis(directions, axis[..., None], axis=-1)[..., 0] < 0
@@ -171,23 +171,23 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
     positions : (m, 3) float
         World space; a mesh's vertices, or those of its convex hull.
     margin : float
-        Widen every side by this much, as a fraction of the opening; 2 / resolution leaves two pixels free all round.
+        Border on every side, as a fraction of the opening; 2 / resolution leaves a border of two pixels.
 
     Returns
     -------
     fits : (k,) bool
-        False where a single frustum cannot hold the points (one of them is not in front of the eye), or would open
-        wider than `WIDEST`; its row of the frusta then means nothing. Use cube faces there.
+        False if a single frustum cannot hold the points (one of them is not in front of the eye), or would open wider
+        than `WIDEST`. Its row of the frusta is then undefined; use cube faces.
     frusta : Frusta
-        The near and far planes are 1e-3 nearer and farther than the points.
+        The near plane is 0.1 % nearer than the points, the far plane 0.1 % farther.
     """
-    from zbuf_occlude.geometry.extents import extents  # late: cameras are described where nothing is computed
+    from zbuf_occlude.geometry.extents import extents  # late: describing cameras must not import numba
 
     views = np.asarray(views, dtype=np.float64)
     bounds = extents(views, np.ascontiguousarray(positions, dtype=np.float64))
     nearest, farthest, low, high = bounds[:, 0], bounds[:, 1], bounds[:, 2:4], bounds[:, 4:6]
     in_front = nearest > 0
-    # a flat mesh seen edge on has no width; give it some, relative to its other side
+    # a flat mesh seen edge-on has no width; give it some, relative to its other side
     opening = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True) + 1e-9)
     middle = (low + high) / 2
     low, high = middle - opening * (0.5 + margin), middle + opening * (0.5 + margin)
@@ -203,14 +203,14 @@ def picture_frusta(views: FloatArray, positions: FloatArray, windows: FloatArray
     views : (k, 4, 4) float
         View matrices.
     positions : (m, 3) float
-        World space: what the pictures hold, with a border of `MARGIN` of them, unless windows say otherwise.
+        Points that the pictures hold, with a border of `MARGIN`, world space.
     windows : (k, 4) float, optional
-        Tangents left, right, bottom, top. Of one that is not square, the shorter side is widened.
+        Fields of view in place of this fit: tangents left, right, bottom, top. The shorter side is widened to a square.
 
     Raises
     ------
     ArgumentError
-        An eye so near that no single picture holds the positions, or beside a window's.
+        An eye is so near that no single picture holds the positions; with `windows`, a point is not in front of it.
     """
     fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
     if windows is not None:
@@ -224,22 +224,22 @@ def picture_frusta(views: FloatArray, positions: FloatArray, windows: FloatArray
 
 
 def cube_frusta(n: int, near: float, far: float, margin: float = 0.0) -> Frusta:
-    """Return n equal frusta of 90 degrees, every side wider by `margin` times the opening."""
+    """Return n equal frusta of 90 degrees, widened on every side by `margin` times the opening."""
     side = np.full(n, 1.0 + 2.0 * margin)
     return Frusta(-side, side, -side, side, np.full(n, near), np.full(n, far))
 
 
 def projection_matrices(frusta: Frusta) -> FloatArray:
-    """Return the perspective matrices of frusta, as glFrustum makes them: (k, 4, 4) float64, eye space to clip space.
+    """Return the perspective matrices of frusta, as by glFrustum: (k, 4, 4) float64, eye space to clip space.
 
     Raises
     ------
     ArgumentError
-        A frustum without opening, or a near plane that is not in front of the eye and of the far plane.
+        A frustum has no opening, or its near plane is not between the eye and the far plane.
     """
     left, right, bottom, top, near, far = (np.asarray(bound, dtype=np.float64) for bound in frusta)
     if not ((left < right) & (bottom < top) & (near > 0) & (near < far)).all():
-        raise ArgumentError("a frustum must have left < right, bottom < top and 0 < near < far; one has not.")
+        raise ArgumentError("a frustum must have left < right, bottom < top and 0 < near < far; one does not.")
     matrices = np.zeros((*left.shape, 4, 4))
     matrices[..., 0, 0] = 2.0 / (right - left)
     matrices[..., 0, 2] = (right + left) / (right - left)

@@ -1,4 +1,4 @@
-"""Cloud: what every public point cloud can do: become an array, a file, a cloud of Open3D."""
+"""Cloud: base of the public point clouds, with conversion to arrays, files and other libraries' clouds."""
 
 import os
 from pathlib import Path
@@ -13,12 +13,12 @@ from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import Bytes
 
 SUFFIXES = (".ply", ".npz", ".pcd", ".npy", ".csv")
-"""Endings of the files that `Cloud.save` writes."""
+"""Suffixes of the files that `Cloud.save` writes."""
 RGB = ("red", "green", "blue")
 
 
 class Cloud:
-    """Points (n, 3), float; with unit normals (n, 3) and, where they are known, colours (n, 3), uint8, sRGB."""
+    """Points (n, 3) with unit normals (n, 3) and, if known, colours (n, 3), uint8, sRGB."""
 
     points: FloatArray
     normals: FloatArray
@@ -31,36 +31,35 @@ class Cloud:
         return np.array(self.points, dtype=dtype, copy=copy)
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that is known, by name: the arrays of a .npz file."""
+        """Return all arrays by name: those of a .npz file."""
         found = {"points": self.points, "normals": self.normals, "colors": self.colors}
         return {name: values for name, values in found.items() if values is not None}
 
     def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
-        """Return a structured array with a row per point: the columns of the other files.
+        """Return a structured array with one row per point: the columns of the other files.
 
         Parameters
         ----------
         keep_clean : bool
-            Of a scan: its ranges without noise too.
+            Include the noise-free ranges of a scan.
         """
         return columns_of(self.points, self.normals, self.colors)
 
     def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
-        """Write the cloud to a file, as its ending says.
+        """Write the cloud to a file in the format of its suffix.
 
         Parameters
         ----------
         path : path-like
-            ``.ply`` (binary) and ``.csv``: a column for each coordinate, component of the normal, and what else a point
-            has. ``.npy``: the same as a structured array. ``.npz``: `arrays`, by name. ``.pcd``: positions, normals and
-            colours, float32.
+            ``.ply`` (binary) and ``.csv``: the columns of `table`. ``.npy``: `table` as a structured array. ``.npz``:
+            `arrays`, by name. ``.pcd``: positions, normals and colours, float32.
         keep_clean : bool
-            As `table` takes it.
+            Include the noise-free ranges of a scan, as in `table`.
 
         Raises
         ------
         OptionError
-            Another ending.
+            Another suffix.
         OSError
             The file cannot be written.
         """
@@ -87,7 +86,7 @@ class Cloud:
         Raises
         ------
         UnavailableError
-            Open3D is not installed, or broken.
+            Open3D is not installed, or cannot be imported.
         """
         with importing("open3d", f"{type(self).__name__}.to_open3d"):
             import open3d
@@ -107,7 +106,7 @@ class Cloud:
 
 
 def columns_of(positions: FloatArray, normals: FloatArray | None = None, colors: Bytes | None = None) -> NDArray[Any]:
-    """Return a structured array: x, y, z float64, nx, ny, nz float32, red, green, blue uint8, of what is given."""
+    """Return a structured array: x, y, z float64; if given, nx, ny, nz float32 and red, green, blue uint8."""
     fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]
     if normals is not None:
         fields += [("n" + axis, "<f4") for axis in "xyz"]

@@ -1,4 +1,4 @@
-"""SurfaceColors: the base colour of every place on the triangles of a mesh, from corners, textures and materials."""
+"""SurfaceColors: base colour of every point on the triangles of a mesh, from corners, textures and materials."""
 
 import hashlib
 from collections.abc import Mapping
@@ -16,31 +16,31 @@ from zbuf_occlude.errors import ArgumentError
 Bytes = NDArray[np.uint8]
 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"
-"""How a texture goes on beyond its edges."""
+"""Wrap modes of a texture beyond its edges."""
 
 GREY = 102
-"""Red, green and blue of what has no colour: 0.4, as trimesh shows it."""
+"""Red, green and blue of uncoloured surfaces: 0.4, as in trimesh."""
 
 
 class Material(NamedTuple):
-    """What a triangle is painted with."""
+    """Base colour and texture of a triangle."""
 
-    factor: tuple[float, float, float]  # red, green, blue in [0, 1]; multiplies corners and texture
+    factor: tuple[float, float, float]  # red, green, blue in [0, 1]; multiplies the colours of corners and texture
     texture: Bytes | None = None  # (h, w, 3), sRGB; the first row is at v = 1
     wrap: tuple[str, str] = (REPEAT, REPEAT)  # along u and v
     name: str = ""
-    transmittance: float = 0.0  # share of the light that falls on it and goes on behind it
+    transmittance: float = 0.0  # share of the incident light that passes through
     painted: bool = True
 
 
 WHITE = Material((1.0, 1.0, 1.0))
 PLAIN = Material((GREY / 255, GREY / 255, GREY / 255), painted=False)
-"""Of what has no colour."""
+"""Material of uncoloured surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceColors:
-    """Base colours over f triangles: what light, shine and transparency do not change; and what light passes.
+    """Base colours of f triangles, before lighting, gloss and transparency; and the light that passes through.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class SurfaceColors:
     corners : (f, 3, 3) float, optional
         Red, green and blue in [0, 1] at the corners, linear in between; white by default.
     uv : (f, 3, 2) float, optional
-        Where the corners lie in the texture, (0, 0) its lower left corner; without them textures do not count.
+        Texture coordinates of the corners, (0, 0) at the lower left; without them textures are ignored.
     linear : bool
-        Whether factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
+        True if factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
     lacking : tuple of str
-        What was named but could not be read, and why.
+        Files that were named but could not be read, each with the reason.
     """
 
     materials: tuple[Material, ...]
@@ -66,30 +66,30 @@ class SurfaceColors:
 
     @classmethod
     def plain(cls, n_faces: int, lacking: tuple[str, ...] = ()) -> "SurfaceColors":
-        """Return the colours of a surface that has none: grey."""
+        """Return the colours of an uncoloured surface: grey."""
         return cls((PLAIN,), np.zeros(n_faces, np.int32), lacking=lacking)
 
     @property
     def is_whole(self) -> bool:
-        """Whether every triangle has a colour of its own, and nothing is lacking."""
+        """True if every triangle has a colour and no file is lacking."""
         plain = [i for i, material in enumerate(self.materials) if not material.painted]
         return not self.lacking and not np.isin(self.material_ids, plain).any()
 
     @property
     def transmittance(self) -> FloatArray:
-        """Share of the light that each triangle lets pass, (f,)."""
+        """Share of the light that passes through each triangle, (f,)."""
         return np.array([material.transmittance for material in self.materials])[self.material_ids]
 
     def transparent(self, shares: Mapping[str, float | None]) -> "SurfaceColors":
-        """Return the colours with only those materials transparent that have a name of `shares`, which may have ``*``.
+        """Return the colours with only the materials named in `shares` transparent; names may contain ``*``.
 
-        A share is of the light that passes; None: as the material's file says. Raises ArgumentError for others.
+        A share is the transmittance; None keeps that of the material's file. Raises ArgumentError for other values.
         """
         if not isinstance(shares, Mapping):
             raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(shares).__name__}.")
         for name, share in shares.items():
             if not isinstance(name, str):
-                raise ArgumentError(f"transparent must name materials by words; got {name!r:.40}.")
+                raise ArgumentError(f"transparent must name materials by str; got {name!r:.40}.")
             if share is not None:
                 what = f"the share of light that {name} lets pass"
                 as_number(share, what, "a number in 0..1", lambda number: 0.0 <= number <= 1.0)
@@ -101,20 +101,20 @@ class SurfaceColors:
         return replace(self, materials=tuple(found))
 
     def select(self, which: BoolArray | NDArray[np.intp]) -> "SurfaceColors":
-        """Return the colours of the triangles that a mask or indices pick."""
+        """Return the colours of the triangles that a mask or indices select."""
         corners, uv = (None if each is None else each[which] for each in (self.corners, self.uv))
         return SurfaceColors(self.materials, self.material_ids[which], corners, uv, self.linear, self.lacking)
 
     @cached_property
     def digest(self) -> bytes:
-        """Return what tells these colours from others."""
+        """Return a digest of these colours."""
         found = hashlib.sha256(repr([m._replace(texture=None) for m in self.materials]).encode())
         for array in (self.material_ids, self.corners, self.uv, *(m.texture for m in self.materials)):
             found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
         return found.digest()
 
     def at(self, face_ids: IntArray, weights: FloatArray) -> Bytes:
-        """Return the colours of places on triangles.
+        """Return the colours of points on triangles.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class SurfaceColors:
         Returns
         -------
         (n, 3) uint8
-            sRGB. Of a texture the texel in which the place lies, as it is: colours are not mixed across its seams.
+            sRGB. A texture gives the texel that contains the point, without interpolation across seams.
         """
         found = np.empty((len(face_ids), 3))
         owners = self.material_ids[face_ids]
@@ -146,7 +146,7 @@ class SurfaceColors:
 
 
 def of_trimesh(mesh: Any) -> SurfaceColors:
-    """Take the visuals of a ``trimesh.Trimesh``: colours of vertices or faces, or texture and uv; else grey."""
+    """Return the colours of a ``trimesh.Trimesh``: of its vertices or faces, or texture and uv; else grey."""
     n_faces = len(mesh.faces)
     visual: Any = getattr(mesh, "visual", None)
     kind, ids = getattr(visual, "kind", None), np.zeros(n_faces, np.int32)
@@ -176,7 +176,7 @@ def barycentric(corners: FloatArray, positions: FloatArray) -> FloatArray:
 
 
 def _texels(material: Material, uv: FloatArray) -> Bytes:
-    """Return the texels (n, 3) in which places (n, 2) of a texture lie."""
+    """Return the texels (n, 3) that contain points (n, 2) of a texture."""
     assert material.texture is not None
     height, width = material.texture.shape[:2]
     usable = np.where(np.isfinite(uv), uv, 0.0)
@@ -185,21 +185,21 @@ def _texels(material: Material, uv: FloatArray) -> Bytes:
     return np.asarray(material.texture[row, column])
 
 
-def _along(places: FloatArray, size: int, wrap: str) -> NDArray[np.intp]:
+def _along(coordinates: FloatArray, size: int, wrap: str) -> NDArray[np.intp]:
     if wrap == REPEAT:
-        places = places - np.floor(places)
+        coordinates = coordinates - np.floor(coordinates)
     elif wrap == MIRROR:
-        places = 1.0 - np.abs(places - 2.0 * np.floor(places / 2.0) - 1.0)
-    return np.clip(np.floor(places * size), 0, size - 1).astype(np.intp)
+        coordinates = 1.0 - np.abs(coordinates - 2.0 * np.floor(coordinates / 2.0) - 1.0)
+    return np.clip(np.floor(coordinates * size), 0, size - 1).astype(np.intp)
 
 
 def luminance(colors: Bytes) -> FloatArray:
-    """Return the share of light (n,) that sRGB colours (n, 3) send back, by ITU-R BT.709's weights."""
+    """Return the luminance (n,) of sRGB colours (n, 3), by the weights of ITU-R BT.709."""
     return _decoded(colors / 255.0) @ np.array([0.2126, 0.7152, 0.0722])
 
 
 def _decoded(srgb: FloatArray) -> FloatArray:
-    """Return linear light (IEC 61966-2-1)."""
+    """Return linear light of sRGB (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,22 +1,21 @@
 """Determinants of differences of float64 numbers, with their exact sign: a filter, two-term sums, integers.
 
-A row of a determinant is a difference of two positions, or a direction. It counts as given: a difference is a pair of
-float64 (high, low) whose sum it is exactly. Three stages answer, the next one only where one cannot. Below u is 2^-53
-and P the permanent, the sum of the absolute values of the six products.
+A row of a determinant is a difference of two positions, or a direction. A difference is a pair of float64 (high, low)
+whose sum equals it exactly. There are three stages; each is used only if the one before is not certain. Below u is
+2^-53 and P the permanent, the sum of the absolute values of the six products.
 
-1. `filtered` rounds differences and products. Each of the six products has three factors and two multiplications that
-   were rounded once, and takes part in three additions: the error is below (7 + 56 u) u P (Shewchuk 1997, section 4.3).
-   `FILTER` has room for the rounding of P.
-2. `_two_term` adds what rounding lost, to first order. In m = y z' - z y' the errors of both products and of their
+1. `filtered_determinant` rounds differences and products. Each of the six products has three factors and two
+   multiplications that were rounded once, and takes part in three additions: the error is below (7 + 56 u) u P
+   (Shewchuk 1997, section 4.3). `FILTER` has a margin for the rounding of P.
+2. `_two_term` adds the rounding errors, to first order. In m = y z' - z y' the errors of both products and of their
    difference, and the low parts of y and z, amount to 4 u (|y z'| + |z y'|); they are computed to 37 u^2 of it, with 8
-   roundings and products of low parts left out. With the error of x m and the low part of x, the correction of a term
-   is at most 6 u P, computed to 59 u^2 P. Three terms and their corrections are added to 40 u^2 P. `SECOND`, 256 u^2,
-   is more than twice the sum.
-3. `_add_products` adds all 48 products as integers, their exponents kept apart. Nothing rounds, overflows or
-   underflows.
+   roundings and without products of low parts. With the error of x m and the low part of x, the correction of a term is
+   at most 6 u P, computed to 59 u^2 P. Three terms and their corrections are added to 40 u^2 P. `SECOND`, 256 u^2, is
+   more than twice the sum.
+3. `_add_products` adds all 48 products as integers with separate exponents. Nothing rounds, overflows or underflows.
 
-Underflow moves the first two stages by less than `TINY` while no factor exceeds 1e150. Overflow makes the bound
-infinite, or the value not a number; then the next stage answers.
+Underflow changes the first two stages by less than `TINY` while no factor exceeds 1e150. After overflow the bound is
+infinite or the value is not a number; then the next stage answers.
 
 References
 ----------
@@ -35,7 +34,7 @@ FILTER = 9.0 * 2.0**-53
 SECOND = 2.0**-98
 TINY = 1e-150
 SIGN, CLEAR = 1.0, 2.0**30
-"""A value that exceeds its error bound so many times has a certain sign, or is precise enough to be divided by."""
+"""Ratios of a value to its error bound above which its sign is certain, or it is accurate enough as a divisor."""
 
 BITS = 32
 """Bits of a digit."""
@@ -43,8 +42,8 @@ DIGIT = (1 << BITS) - 1
 
 
 @always_inline
-def filtered(x, y, z):
-    """Determinant x . (y x z) of rounded rows in float64, and a bound on its error."""
+def filtered_determinant(x, y, z):
+    """Return the determinant x . (y x z) of rounded rows in float64, and a bound on its error."""
     p, q, r = y[1] * z[2], y[2] * z[0], y[0] * z[1]
     s, t, v = y[2] * z[1], y[0] * z[2], y[1] * z[0]
     permanent = abs(x[0]) * (abs(p) + abs(s)) + abs(x[1]) * (abs(q) + abs(t)) + abs(x[2]) * (abs(r) + abs(v))
@@ -53,20 +52,20 @@ def filtered(x, y, z):
 
 @njit(inline="always")
 def low_part(a, b, difference):
-    """Rounding error of a - b in each component: exactly a - b - difference."""
+    """Return the rounding error of a - b in each component: exactly a - b - difference."""
     return _lost(a[0], b[0], difference[0]), _lost(a[1], b[1], difference[1]), _lost(a[2], b[2], difference[2])
 
 
 @always_inline
 def _lost(a, b, difference):
-    """Rounding error of the float64 a - b: exactly a - b - difference (Knuth's two-sum)."""
+    """Return the rounding error of the float64 a - b: exactly a - b - difference (Knuth's two-sum)."""
     b_ = a - difference
     return (a - (difference + b_)) + (b_ - b)
 
 
 @njit()
 def determinant(least, x, x_low, y, y_low, z, z_low):
-    """Determinant x . (y x z) of three rows, each the exact sum of a high and a low part.
+    """Return the determinant x . (y x z) of three rows, each the exact sum of a high and a low part.
 
     Parameters
     ----------
@@ -78,7 +77,8 @@ def determinant(least, x, x_low, y, y_low, z, z_low):
     Returns
     -------
     float
-        A value beyond float64's range is infinite, or the smallest number.
+        Value with the sign and accuracy that `least` asks for. Beyond float64's range it is infinite, or the smallest
+        number.
     """
     return _determinant(
         least, x[0], x[1], x[2], x_low[0], x_low[1], x_low[2], y[0], y[1], y[2], y_low[0], y_low[1], y_low[2],
@@ -97,7 +97,7 @@ def _determinant(least, x0, x1, x2, x3, x4, x5, y0, y1, y2, y3, y4, y5, z0, z1, 
 
 @always_inline
 def _two_term(x, x_low, y, y_low, z, z_low):
-    """Determinant to about twice float64's precision, and a bound on its error."""
+    """Return the determinant to about twice float64's precision, and a bound on its error."""
     first, first_low, first_size = _term(x[0], x_low[0], y[1], y_low[1], y[2], y_low[2], z[1], z_low[1], z[2], z_low[2])
     second, second_low, second_size = _term(
         x[1], x_low[1], y[2], y_low[2], y[0], y_low[0], z[2], z_low[2], z[0], z_low[0]
@@ -111,7 +111,7 @@ def _two_term(x, x_low, y, y_low, z, z_low):
 
 @always_inline
 def _term(x, x_low, y, y_low, y2, y2_low, z, z_low, z2, z2_low):
-    """x (y z2 - y2 z) rounded, what rounding lost, and the sum of both products' sizes."""
+    """Return x (y z2 - y2 z) rounded, its rounding error, and the sum of both products' sizes."""
     p, q = y * z2, y2 * z
     m = p - q
     m_low = (fma(y, z2, -p) - fma(y2, z, -q) + _lost(p, q, m)) + ((y * z2_low + y_low * z2) - (y2 * z_low + y2_low * z))
@@ -121,7 +121,7 @@ def _term(x, x_low, y, y_low, y2, y2_low, z, z_low, z2, z2_low):
 
 @device_function
 def _loses_nothing(x, x_low, y, y_low, z, z_low):
-    """Whether `_two_term` is exact because nothing was rounded: so axis-parallel rays meet edges of round grids."""
+    """Return whether `_two_term` is exact because nothing was rounded, as for axis-parallel rays and regular grids."""
     total = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -151,12 +151,12 @@ def _loses_nothing(x, x_low, y, y_low, z, z_low):
     return True
 
 
-# Integers: digits of `BITS` bits, the lowest first; the lowest one's unit is a power of two
+# Integers: digits of `BITS` bits, lowest first; the unit of the lowest digit is a power of two
 
 
 @device_function
 def _exponents(row, low):
-    """Exponents of the last bit that any part of a row may have, and above its first; 0, 0 of zeros."""
+    """Return the exponents of the last bit of any part of a row, and above its first bit; 0, 0 for zeros."""
     least, most = 4096, -4096
     for i in range(3):
         for number in (row[i], low[i]):
@@ -168,7 +168,7 @@ def _exponents(row, low):
 
 @device_function
 def _scale(x, x_low, y, y_low, z, z_low):
-    """Exponent of the lowest digit's unit, and how many digits a determinant takes."""
+    """Return the exponent of the lowest digit's unit, and the number of digits of a determinant."""
     (a, b), (c, d), (e, f) = _exponents(x, x_low), _exponents(y, y_low), _exponents(z, z_low)
     lowest = a + c + e - 2 * 53  # each of the four parts of a product is taken as 53 bits
     return lowest, (b + d + f - lowest) // BITS + 4
@@ -176,7 +176,7 @@ def _scale(x, x_low, y, y_low, z, z_low):
 
 @device_function
 def _add_products(digits, lowest, x, x_low, y, y_low, z, z_low):
-    """Add the products of a determinant."""
+    """Add the products of a determinant to the digits."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         for a in (x[i], x_low[i]):
@@ -190,7 +190,7 @@ def _add_products(digits, lowest, x, x_low, y, y_low, z, z_low):
 
 @device_function
 def _add_product(digits, lowest, a, b, c):
-    """Add a b c, split into four float64 without error; exponents kept apart."""
+    """Add a b c, split into four float64 without error, with separate exponents."""
     if a == 0.0 or b == 0.0 or c == 0.0:
         return
     a, i = math.frexp(a)
@@ -205,12 +205,12 @@ def _add_product(digits, lowest, a, b, c):
 
 @device_function
 def _add(digits, number, exponent):
-    """Add number 2^exponent, in units of the lowest digit."""
+    """Add number x 2^exponent, in units of the lowest digit."""
     if number == 0.0:
         return
     fraction, own = math.frexp(number)
-    integer, place = np.int64(abs(fraction) * 2.0**53), exponent + own - 53
-    sign, at, shift = np.int64(1 if number > 0.0 else -1), place // BITS, place % BITS
+    integer, position = np.int64(abs(fraction) * 2.0**53), exponent + own - 53
+    sign, at, shift = np.int64(1 if number > 0.0 else -1), position // BITS, position % BITS
     low, high = (integer & DIGIT) << shift, (integer >> BITS) << shift
     digits[at] += sign * (low & DIGIT)
     digits[at + 1] += sign * ((low >> BITS) + (high & DIGIT))
@@ -219,7 +219,7 @@ def _add(digits, number, exponent):
 
 @device_function
 def _carry(digits):
-    """Bring the digits into [0, 2^BITS); return the sign of the number, whose size they then tell."""
+    """Bring the digits into [0, 2^BITS); return the sign of the number, whose absolute value they then hold."""
     carry, rest = np.int64(0), np.int64(0)
     for i in range(len(digits)):
         carry += digits[i]
@@ -238,7 +238,7 @@ def _carry(digits):
 
 @njit(_nrt=True)
 def _as_float(x, x_low, y, y_low, z, z_low):
-    """Determinant added up as an integer, rounded to float64 with an error below 2^-52 and the right sign."""
+    """Return the determinant summed as an integer, rounded to float64 with an error below 2^-52 and the right sign."""
     lowest, n = _scale(x, x_low, y, y_low, z, z_low)
     digits = np.zeros(n, np.int64)
     _add_products(digits, lowest, x, x_low, y, y_low, z, z_low)
@@ -255,7 +255,7 @@ def _as_float(x, x_low, y, y_low, z, z_low):
 
 @njit(_nrt=True)
 def compare_quotients(a, b, c, d):
-    """Sign of a / b - c / d, exactly, of four determinants given as the arguments of `determinant`."""
+    """Return the exact sign of a / b - c / d for four determinants given as the arguments of `determinant`."""
     (a_lowest, n_a), (b_lowest, n_b), (c_lowest, n_c), (d_lowest, n_d) = _scale(*a), _scale(*b), _scale(*c), _scale(*d)
     p, q, r, s = np.zeros(n_a, np.int64), np.zeros(n_b, np.int64), np.zeros(n_c, np.int64), np.zeros(n_d, np.int64)
     _add_products(p, a_lowest, *a)
@@ -263,7 +263,7 @@ def compare_quotients(a, b, c, d):
     _add_products(r, c_lowest, *c)
     _add_products(s, d_lowest, *d)
     p_sign, q_sign, r_sign, s_sign = _carry(p), _carry(q), _carry(r), _carry(s)
-    # a d - c b, whichever has the lower unit begins at the first bit
+    # a d - c b; the product with the lower unit starts at the first bit
     lowest = min(a_lowest + d_lowest, c_lowest + b_lowest)
     shift, other_shift = a_lowest + d_lowest - lowest, c_lowest + b_lowest - lowest
     n = max(n_a + n_d + shift // BITS, n_c + n_b + other_shift // BITS) + 3
@@ -275,9 +275,9 @@ def compare_quotients(a, b, c, d):
 
 @device_function
 def _add_digits_product(digits, a, b, shift, sign):
-    """Add sign a b 2^shift, of numbers whose digits are in [0, 2^BITS)."""
+    """Add sign x a x b x 2^shift, for numbers whose digits are in [0, 2^BITS)."""
     skipped, shift, carry = shift // BITS, shift % BITS, np.int64(0)
-    for i in range(len(a) + 1):  # a, moved by less than a digit
+    for i in range(len(a) + 1):  # digits of a, shifted by less than a digit
         digit = carry
         if i < len(a):
             moved = a[i] << shift

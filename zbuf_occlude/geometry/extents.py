@@ -1,4 +1,4 @@
-"""How far points reach to either side, as cameras see them: what frusta are fitted to."""
+"""Extents of points in camera space, to which frusta are fitted."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 
 PAIRS_PER_TASK = 20_000
-"""Pairs of camera and point that are worth waking a thread for."""
+"""Minimum pairs of camera and point per extra thread; below this, waking it costs more."""
 
 
 def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
-    """Least and largest depth, least tangents, largest tangents of points for each camera; (k, 6).
+    """Return the least and largest depth, least tangents and largest tangents of points for each camera; (k, 6).
 
-    The tangents mean nothing where a point is not in front.
+    The tangents are undefined if a point is not in front of the camera.
     """
     bounds = np.empty((len(views), 6))
     n_tasks = min(len(views), n_blocks(len(views) * len(positions), PAIRS_PER_TASK))
@@ -22,7 +22,7 @@ def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
 
 @parallel_kernel
 def _measure(tasks, views, positions, bounds):
-    """Take camera after camera."""
+    """Compute the extents of one camera after another."""
     k = next_task(tasks)
     while k < len(views):
         view = views[k]

@@ -1,4 +1,4 @@
-"""Hilbert order: positions along a curve through space that never jumps, so that what is consecutive is compact."""
+"""Hilbert order: positions along a continuous space-filling curve, so that consecutive positions are compact."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +10,20 @@ from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, ta
 Keys = NDArray[np.uint64]
 
 CODE_BITS = 10
-"""Bits per axis of a place along the curve: what is consecutive has to be near, not in perfect order."""
+"""Maximum bits per axis of a Hilbert code: consecutive positions must be near, not in perfect order."""
 
 POSITION_BITS = 7
-"""Of the places of positions alone: faster to find, and no more to search than with all."""
+"""Bits per axis of the codes of positions alone: faster than `CODE_BITS`, and the order is as good for searches."""
 
 BLOCK = 1024
-"""Positions that a thread places at a time: their cells stay in its nearest cache."""
+"""Positions per block of a thread: their cells stay in the L1 cache."""
 
 THREAD = 8 * BLOCK
-"""Positions that are worth another thread: fewer are placed before it wakes."""
+"""Minimum positions per extra thread; below this, waking it costs more."""
 
 
 def hilbert_order(positions: FloatArray) -> IntArray:
-    """Return the indices that put positions (n, 3) into Hilbert order; what shares a cell keeps its order.
+    """Return the indices that put positions (n, 3) into Hilbert order; positions in one cell keep their order.
 
     The curve runs through 2^7 cells per axis of the positions' bounding cube. Packets of consecutive points, and boxes
     around consecutive faces, have 10 % less to test than in Morton order, which jumps.
@@ -33,7 +33,7 @@ def hilbert_order(positions: FloatArray) -> IntArray:
     low, high = _bounds_of(positions)
     side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
     scale = (2.0**POSITION_BITS - 1.0) / side if side > 0.0 else 0.0
-    # with the index in the low bits, sorting the keys is all
+    # with the index in the low bits, sorting the keys suffices
     keys = np.empty(len(positions), dtype=np.uint64)
     parallel_for(_keys, n_blocks(len(positions), THREAD), positions, low, scale, index_bits, keys, own=new_cells)
     keys.sort()
@@ -47,7 +47,7 @@ def indices_of(keys: Keys, index_bits: int) -> IntArray:
 
 @njit(cache=True, error_model="numpy")
 def _bounds_of(positions):
-    """Return the lower and the upper corner of the positions' box; four times as fast as NumPy, axis by axis."""
+    """Return the lower and the upper corner of the positions' box; four times as fast as NumPy."""
     low, high = (positions[0, 0], positions[0, 1], positions[0, 2]), (positions[0, 0], positions[0, 1], positions[0, 2])
     for i in range(len(positions)):
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
@@ -57,33 +57,33 @@ def _bounds_of(positions):
 
 
 def new_cells() -> IntArray:
-    """Return what a thread puts the cells of a block in, (3, `BLOCK`), for `place_along_curve`."""
+    """Allocate a thread's array for the cells of a block, (3, `BLOCK`), for `hilbert_codes`."""
     return np.empty((3, BLOCK), dtype=np.int32)
 
 
 @parallel_kernel
 def _keys(tasks, positions, low, scale, index_bits, keys, cells):
-    """Place along the curve, and index, of each position."""
+    """Write the Hilbert code and index of each position."""
     first, last = take_block(tasks, len(positions), BLOCK)
     while first < last:
         for axis in range(3):
             for i in range(last - first):
                 cells[axis, i] = np.int64((positions[first + i, axis] - low[axis]) * scale)
-        place_along_curve(cells, last - first, POSITION_BITS)
+        hilbert_codes(cells, last - first, POSITION_BITS)
         for i in range(last - first):
             keys[first + i] = (np.uint64(cells[0, i]) << np.uint64(index_bits)) | np.uint64(first + i)
         first, last = take_block(tasks, len(positions), BLOCK)
 
 
 @njit()
-def place_along_curve(cells, n, n_bits):
-    """Put into row 0 the places along the curve, 3 x `n_bits` bits, of the first n cells, (3, >= n) int32.
+def hilbert_codes(cells, n, n_bits):
+    """Write the Hilbert codes, 3 x `n_bits` bits, of the first n cells, (3, >= n) int32, to row 0.
 
-    Cells count from 0 to 2^`n_bits` - 1 along each axis; `n_bits` is at most `CODE_BITS`. Level by level, each for all
-    of them: loops without branches, which the compiler turns into vectors; cell by cell takes twelve times as long.
+    Cells count from 0 to 2^`n_bits` - 1 along each axis; `n_bits` is at most `CODE_BITS`. The loops run level by level
+    over all cells and have no branches, so that the compiler vectorises them; cell by cell takes twelve times as long.
     """
     xs, ys, zs = cells[0, :n], cells[1, :n], cells[2, :n]
-    # undo the curve's turns, from the coarsest cell to the finest: where an axis has the bit, mirror x below it,
+    # undo the curve's rotations, from the coarsest level to the finest: if an axis has the bit, mirror x below it,
     # else swap that axis with x below it (masks instead of branches)
     for level in range(n_bits - 1, 0, -1):
         below = (1 << level) - 1
@@ -101,7 +101,7 @@ def place_along_curve(cells, n, n_bits):
         x = xs[i]
         y = ys[i] ^ x  # Gray code
         z = zs[i] ^ y
-        above = z >> 1  # becomes, at each bit, the parity of those above it
+        above = z >> 1  # becomes, at each bit, the parity of the bits above it
         above ^= above >> 1
         above ^= above >> 2
         above ^= above >> 4
@@ -111,7 +111,7 @@ def place_along_curve(cells, n, n_bits):
 
 @njit()
 def _spaced(bits):
-    """Put two zeros before each of 10 bits."""
+    """Insert two zeros before each of 10 bits."""
     bits = (bits | bits << 16) & 0x030000FF
     bits = (bits | bits << 8) & 0x0300F00F
     bits = (bits | bits << 4) & 0x030C30C3

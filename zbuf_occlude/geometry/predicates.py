@@ -1,36 +1,45 @@
-"""THE definition of "blocked" and of "hit": does a face block a line of sight, and where does a ray meet it?
+"""Definition of "blocked" and of "hit": does a face block a line of sight, and where does a ray meet it?
 
-Yes and no, and the order of hits, are those of rational arithmetic on the float64 numbers given (`determinants`). Only
+Answers, and the order of hits, are those of rational arithmetic on the given float64 numbers (`determinants`). Only
 distances are rounded: to a relative 1e-8. `exact_hsr` (the paper's perpendicular planes) must not import this file: the
 two formulations check each other.
 
-A line passes through the closed triangle abc iff none of the volumes that it spans with the edges bc, ca and ab has
-another sign than the others. Their sum is d . n, n the face's normal and d the line's direction: all three are zero for
-a line within the face's plane, which no face blocks (paper Eq. 6 has no solution).
+A line passes through the closed triangle abc iff no two of the volumes that it spans with the edges bc, ca and ab have
+opposite signs. Their sum is d . n, with the face's normal n and the line's direction d. All three are zero for a line
+within the face's plane, which the face does not block (paper Eq. 6 has no solution).
 """
 
 import math
 
-from zbuf_occlude.geometry.determinants import CLEAR, SIGN, compare_quotients, determinant, filtered, low_part
+from zbuf_occlude.geometry.determinants import (
+    CLEAR,
+    SIGN,
+    compare_quotients,
+    determinant,
+    filtered_determinant,
+    low_part,
+)
 from zbuf_occlude.jit.compiler import always_inline, device_function, external, njit
 from zbuf_occlude.jit.vec3 import dot, minus
 
 EXACTLY = (0.0, 0.0, 0.0)
 """Low part of a row that was not rounded."""
 IN_DOUBT = 2
+"""Answer of a filter that cannot decide."""
 ROUNDING = 1e-15
-"""Relative error of a quotient of two numbers without error, and of a sum with it; with room."""
+"""Bound on the relative rounding error of a quotient and a sum."""
 
 
 @always_inline
 def passes(origin, direction, a, b, c):
-    """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not; or `IN_DOUBT`.
+    """Return the side from which a line passes through the closed triangle abc, 1 or -1; 0 if it misses; or `IN_DOUBT`.
 
-    The volume of an edge pq, d . ((p - o) x (q - o)), is d . ((p - o) x (q - p)), whose products are smaller from afar.
+    The volume of an edge pq, d . ((p - o) x (q - o)), equals d . ((p - o) x (q - p)), whose products are smaller from
+    afar.
     """
-    u, u_error = filtered(direction, minus(b, origin), minus(c, b))
-    v, v_error = filtered(direction, minus(c, origin), minus(a, c))
-    w, w_error = filtered(direction, minus(a, origin), minus(b, a))
+    u, u_error = filtered_determinant(direction, minus(b, origin), minus(c, b))
+    v, v_error = filtered_determinant(direction, minus(c, origin), minus(a, c))
+    w, w_error = filtered_determinant(direction, minus(a, origin), minus(b, a))
     above = (u > u_error) | (v > v_error) | (w > w_error)
     below = (u < -u_error) | (v < -v_error) | (w < -w_error)
     if above & below:
@@ -42,7 +51,7 @@ def passes(origin, direction, a, b, c):
 
 @njit()
 def passes_exactly(origin, direction, direction_low, a, b, c):
-    """Side from which a line passes through the closed triangle abc, 1 or -1; 0 where it does not."""
+    """Return the side from which a line passes through the closed triangle abc, 1 or -1; 0 if it misses."""
     o, d, e = origin, direction, direction_low
     return _passes_exactly(
         o[0], o[1], o[2], d[0], d[1], d[2], e[0], e[1], e[2], a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
@@ -55,7 +64,7 @@ def _passes_exactly(o0, o1, o2, d0, d1, d2, e0, e1, e2, a0, a1, a2, b0, b1, b2, 
     a, b, c = (a0, a1, a2), (b0, b1, b2), (c0, c1, c2)
     u, v, w = _side(origin, direction, b, c), _side(origin, direction, c, a), _side(origin, direction, a, b)
     side = 0
-    for sign in (u, v, w):  # those that the filter tells, first: most triangles are missed
+    for sign in (u, v, w):  # signs that the filter decides first, since most triangles are missed
         if sign != IN_DOUBT:
             if side * sign < 0:
                 return 0
@@ -80,18 +89,18 @@ def _passes_exactly(o0, o1, o2, d0, d1, d2, e0, e1, e2, a0, a1, a2, b0, b1, b2, 
 
 @always_inline
 def _side(origin, direction, p, q):
-    volume, error = filtered(direction, minus(p, origin), minus(q, p))
+    volume, error = filtered_determinant(direction, minus(p, origin), minus(q, p))
     return 1 if volume > error else (-1 if volume < -error else IN_DOUBT)
 
 
 @device_function
 def side_of_edge(origin, direction, direction_low, p, q):
-    """Side, 1, 0 or -1, on which a line passes the edge pq."""
+    """Return the side, 1, 0 or -1, on which a line passes the edge pq."""
     to_p, to_q, pq = minus(p, origin), minus(q, origin), minus(q, p)
     p_low = low_part(p, origin, to_p)
     if (direction == to_p and direction_low == p_low) or (
         direction == to_q and direction_low == low_part(q, origin, to_q)
-    ):  # a ray aimed at a corner, without rounding
+    ):  # the line is aimed at a corner, without rounding
         return 0
     volume = determinant(SIGN, direction, direction_low, to_p, p_low, pq, low_part(q, p, pq))
     return 1 if volume > 0.0 else (-1 if volume < 0.0 else 0)
@@ -99,7 +108,7 @@ def side_of_edge(origin, direction, direction_low, p, q):
 
 @always_inline
 def side_of_ray(origin, direction, a, b, c):
-    """Side from which a ray's line passes through the closed triangle abc, 1 or -1, exactly; 0 where it does not."""
+    """Return the exact side from which a ray's line passes through the closed triangle abc, 1 or -1; 0 if it misses."""
     side = passes(origin, direction, a, b, c)
     if side == IN_DOUBT:
         side = passes_exactly(origin, direction, EXACTLY, a, b, c)
@@ -108,9 +117,9 @@ def side_of_ray(origin, direction, a, b, c):
 
 @device_function
 def _height(point, a, b, c):
-    """Determinant of a point's height over the face abc, with the exact sign and a relative error below 1e-9."""
+    """Return the determinant of a point's height over the face abc, with exact sign and a relative error below 1e-9."""
     p, ab, ac = minus(point, a), minus(b, a), minus(c, a)
-    height, error = filtered(p, ab, ac)
+    height, error = filtered_determinant(p, ab, ac)
     if not abs(height) > CLEAR * error:
         height = determinant(CLEAR, *_height_rows(point, a, b, c))
     return height
@@ -130,24 +139,23 @@ def _slope_rows(direction, a, b, c):
 
 @njit()
 def blocks(eye, point, a, b, c, contact):
-    """Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
+    """Return whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
 
     Parameters
     ----------
     eye, point, a, b, c : tuples or arrays of 3 float64, world space
     contact : float
-        The contact tolerance tau, in world units.
+        Contact tolerance tau, in world units.
 
     Returns
     -------
     bool
-        Exact, but that the meeting point's distance from the point is compared with `contact` in float64, to a relative
-        1e-8.
+        Exact, except that the meeting point's distance from the point is compared with `contact` to a relative 1e-8.
 
     Notes
     -----
-    Eye and point must be on strictly different sides of the face's plane. The meeting point divides the segment by
-    their heights over it.
+    Eye and point must be strictly on opposite sides of the face's plane. The meeting point divides the segment in the
+    ratio of their heights over it.
     """
     d = minus(point, eye)
     side = passes(point, d, a, b, c)
@@ -163,7 +171,7 @@ def blocks(eye, point, a, b, c, contact):
 
 @njit()
 def ray_triangle_t(origin, direction, a, b, c):
-    """Where the closed triangle abc meets the open ray from an origin.
+    """Return the distance at which the open ray from an origin meets the closed triangle abc.
 
     Parameters
     ----------
@@ -172,14 +180,13 @@ def ray_triangle_t(origin, direction, a, b, c):
     Returns
     -------
     fraction : float
-        Multiple of `direction` from the origin to the meeting point, positive; infinity for a ray that misses, which is
-        exact.
+        Distance to the meeting point as a multiple of `direction`, positive; infinity if the ray misses, exactly.
     error : float
         Bound on the error of `fraction`, at most 1e-8 of it.
 
     Notes
     -----
-    A ray within the face's plane misses it, and so does one that starts on it and does not come back.
+    A ray within the face's plane misses the face, and so does a ray that starts on it.
     """
     direction = (direction[0], direction[1], direction[2])
     side = side_of_ray(origin, direction, a, b, c)
@@ -191,7 +198,7 @@ def ray_triangle_t(origin, direction, a, b, c):
 
 @device_function
 def ray_plane_t(origin, direction, a, b, c):
-    """Multiple of `direction`, with the exact sign, at which a line meets the plane of a face that it passes through.
+    """Return the multiple of `direction`, with exact sign, at which a line meets the plane of a face it passes through.
 
     Returns
     -------
@@ -199,8 +206,8 @@ def ray_plane_t(origin, direction, a, b, c):
         The error is at most 1e-8 of the fraction.
     """
     to_a, ab, ac = minus(a, origin), minus(b, a), minus(c, a)
-    height, height_error = filtered(to_a, ab, ac)
-    slope, slope_error = filtered(direction, ab, ac)
+    height, height_error = filtered_determinant(to_a, ab, ac)
+    slope, slope_error = filtered_determinant(direction, ab, ac)
     if not abs(height) > CLEAR * height_error:
         height = -determinant(CLEAR, *_height_rows(origin, a, b, c))
         height_error = abs(height) / CLEAR
@@ -217,14 +224,14 @@ def ray_plane_t(origin, direction, a, b, c):
 def is_nearer(
     origin, direction, face, fraction, error, other_face, other_fraction, other_error, corners, other_corners
 ):
-    """Whether a ray meets a face before another face: nearer, or as near and with the lower id.
+    """Return whether a ray meets a face before another face: nearer, or equally near and with the lower id.
 
     Parameters
     ----------
     origin, direction : tuples or arrays of 3 float64, world space
     face, other_face : int
     fraction, error, other_fraction, other_error : float
-        As `ray_triangle_t` returns them; infinity where the other one does not exist.
+        As returned by `ray_triangle_t`; infinity if there is no other face.
     corners, other_corners : tuples of 3 corners
 
     Returns
@@ -241,7 +248,7 @@ def is_nearer(
 
 @njit()
 def compare_hits(origin, direction, corners, other_corners):
-    """Return -1, 0 or 1, exactly: a ray that meets two faces meets the first before, with or after the other."""
+    """Return exactly -1, 0 or 1 if a ray that meets two faces meets the first before, with or after the other."""
     o, v, (a, b, c), (d, e, f) = origin, direction, corners, other_corners
     return _compare_hits(
         o[0], o[1], o[2], v[0], v[1], v[2], a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2],
@@ -258,7 +265,7 @@ def _compare_hits(
     other_corners = d, e, f = (d0, d1, d2), (e0, e1, e2), (f0, f1, f2)
     if _meet_at_once(origin, direction, corners, other_corners):
         return 0
-    # the height's rows begin at the face, so both quotients are negated
+    # the height's rows are relative to the face, so both quotients are negated
     return -compare_quotients(
         _height_rows(origin, a, b, c),
         _slope_rows(direction, a, b, c),
@@ -269,7 +276,7 @@ def _compare_hits(
 
 @njit()
 def _meet_at_once(origin, direction, corners, other_corners):
-    """Whether two faces that a ray meets have the same corners, or share an edge or a corner that it meets."""
+    """Return whether two faces that a ray meets have the same corners, or share an edge or corner that it meets."""
     a, b, c = corners
     has_a, has_b, has_c = _is_among(a, other_corners), _is_among(b, other_corners), _is_among(c, other_corners)
     if has_a & has_b & has_c:
@@ -294,13 +301,13 @@ def _is_among(corner, corners):
 
 @device_function
 def _meets_edge(origin, direction, a, b):
-    """Whether a ray that meets a face meets the line through two of its corners."""
+    """Return whether a ray that meets a face meets the line through two of its corners."""
     return side_of_edge(origin, direction, EXACTLY, a, b) == 0
 
 
 @njit()
 def is_flat(a, b, c):
-    """Whether three positions lie on one line, exactly."""
+    """Return exactly whether three positions lie on one line."""
     ab, ac = minus(b, a), minus(c, a)
     ab_low, ac_low = low_part(b, a, ab), low_part(c, a, ac)
     for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):

@@ -26,27 +26,34 @@ from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.provenance import generator
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
-"""Counts and ids are int32."""
+"""Maximum number of points: counts and ids are int32."""
 
-_CELLS, _FEW = 2.0**16, 16
+_CELLS = 2.0**16  # cells along an axis of a Morton curve
+_SPREADING = (
+    (16, 0x001F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
+"""Shifts and masks that insert two zeros before each of 16 bits."""
 
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints(ReadOnlyArrays):
-    """Points on a surface, each with the face it lies on. Immutable.
+    """Points on a surface, each with its face. Immutable.
 
     Parameters
     ----------
     positions : (n, 3) float
         World space. Stored as float64.
     face_ids : (n,) int
-        Index into ``mesh.faces`` of the point's own face, which never hides it; -1: none (a free point).
+        Index into ``mesh.faces`` of the point's own face, which never hides it; -1 for none (a free point).
     normals : (n, 3) float
-        Unit normal of the own face (sign as the face is wound, which carries no meaning); zero for a free point.
+        Unit normal of the own face; zero for a free point. Its sign follows the winding, which has no meaning.
     colors : (n, 3) uint8, optional
-        Base colour there, sRGB; of meshes with colours.
+        Base colour, sRGB; for meshes with colours.
 
     Raises
     ------
@@ -95,7 +102,7 @@ class SurfacePoints(ReadOnlyArrays):
 
     @classmethod
     def free(cls, positions: ArrayLike) -> "SurfacePoints":
-        """Points that lie on no face: any face may hide them."""
+        """Return points that lie on no face: any face may hide them."""
         positions = as_vectors(positions, "positions")
         return cls(positions, np.full(len(positions), -1, dtype=np.int32), np.zeros_like(positions))
 
@@ -103,7 +110,7 @@ class SurfacePoints(ReadOnlyArrays):
     def of_checked(
         cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray, colors: Bytes | None = None
     ) -> "SurfacePoints":
-        """Take over C-contiguous arrays that were checked already, and that no one else holds."""
+        """Make points of checked C-contiguous arrays without copying; the points own them."""
         points = object.__new__(cls)
         vars(points).update(
             positions=set_readonly(positions), face_ids=set_readonly(face_ids), normals=set_readonly(normals)
@@ -113,7 +120,7 @@ class SurfacePoints(ReadOnlyArrays):
 
     @classmethod
     def joined(cls, parts: Sequence["SurfacePoints"]) -> "SurfacePoints":
-        """Return points on one surface, one part after the other; at least one part."""
+        """Concatenate points on one surface; at least one part."""
         colors = [part.colors for part in parts if part.colors is not None]
         return cls.of_checked(
             np.concatenate([part.positions for part in parts]),
@@ -123,7 +130,7 @@ class SurfacePoints(ReadOnlyArrays):
         )
 
     def select(self, which: ArrayLike) -> "SurfacePoints":
-        """Return the points that a boolean mask or an index array picks, in its order."""
+        """Return the points that a boolean mask or an index array selects, in its order."""
         chosen = np.asarray(which)
         if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
             raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {shape_and_dtype(chosen)}.")
@@ -143,12 +150,12 @@ class SurfacePoints(ReadOnlyArrays):
             raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
 
     def normals_towards(self, eye: FloatArray) -> FloatArray:
-        """Return the normals (n, 3), each on the side of its face on which an eye (3,) is."""
+        """Return the normals (n, 3), each turned to the side of its face on which an eye (3,) lies."""
         away = np.einsum("na,na->n", self.normals, eye - self.positions) < 0.0
         return np.where(away[:, None], -self.normals, self.normals)
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
-        """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
+        """Return the points moved to ``scale * p + translation``, as by `Mesh.transformed`."""
         moved = self.positions * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
         return SurfacePoints(moved, self.face_ids, self.normals, self.colors)
 
@@ -161,19 +168,19 @@ def sample_surface(
     Parameters
     ----------
     mesh : Mesh
-        Or anything else that is one (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
+        Or any other mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     n_points : int, optional
-        Exactly this many points: each falls on a face with probability proportional to its area.
+        Exact number of points; each falls on a face with probability proportional to its area.
     density : float, optional
         Points per unit of area: the paper's Algorithm 1, whose total is random.
         Give exactly one of `n_points` and `density`.
     seed : int, SeedSequence or Generator
-        The same seed gives the same points, byte for byte.
+        Seed; the same seed gives byte-identical points.
 
     Returns
     -------
     SurfacePoints
-        Ordered by face. World space, float64. With colours where the mesh has them (`load_mesh` with ``colors=True``).
+        Ordered by face. World space, float64. With colours if the mesh has them (`load_mesh` with ``colors=True``).
 
     Raises
     ------
@@ -183,8 +190,8 @@ def sample_surface(
     References
     ----------
     Paper section 3.4, Algorithms 1 and 2. Departures: Algorithm 2's v1 and v2 are the *consecutive* edges b - a and
-    c - b (with Eq. 1's v2 = c - a half of the points would fall outside the triangle); the exact count `n_points`
-    is ours (a multinomial draw instead of Algorithm 1's stochastic rounding).
+    c - b (with Eq. 1's v2 = c - a half of the points would fall outside the triangle); for the exact count `n_points` a
+    multinomial draw replaces Algorithm 1's stochastic rounding.
 
     Examples
     --------
@@ -214,8 +221,8 @@ def sample_surface(
 def error_of_share(n_found: ArrayLike, n_points: ArrayLike) -> FloatArray:
     """Return the standard error of shares ``n_found / n_points`` of random points.
 
-    The standard deviation of the share after what was found, from a uniform prior: so it is above 0 where none or all
-    were found, and that of the prior, 0.29, where no point was asked.
+    It is the posterior standard deviation of the share under a uniform prior. It is above 0 even if none or all were
+    found, and 0.29, that of the prior, without points.
     """
     found, points = np.asarray(n_found, dtype=np.float64), np.asarray(n_points, dtype=np.float64)
     expected = (found + 1.0) / (points + 2.0)
@@ -223,7 +230,7 @@ def error_of_share(n_found: ArrayLike, n_points: ArrayLike) -> FloatArray:
 
 
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
-    """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
+    """Return the counts (f,) int32 of Algorithm 1: floor(A s), plus one with probability equal to the remainder."""
     density = as_number(density, "density", "positive and finite", lambda number: number > 0.0)
     with np.errstate(over="ignore"):
         wanted = areas * density
@@ -235,24 +242,24 @@ def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generato
 
 
 def exact_counts(areas: FloatArray, n_points: int | None, rng: np.random.Generator) -> IntArray:
-    """Draw how many of exactly `n_points` fall on each face, proportionally to area. (f,) int32."""
+    """Draw the counts (f,) int32 of exactly `n_points` points on the faces, proportionally to area."""
     if isinstance(n_points, bool) or not isinstance(n_points, (int, np.integer)) or n_points < 1:
         raise ArgumentError(f"n_points must be a positive int; got {shown(n_points)}.")
     if n_points > MAX_POINTS:
         raise ArgumentError(f"n_points must be at most 2^31 - 1; got {n_points}.")
     total = areas.sum()
     if not total > 0:
-        raise ArgumentError("a mesh must have area to be sampled; this one has none.")
+        raise ArgumentError("The mesh has no area to sample.")
     edges = np.cumsum(areas)
     if not np.isfinite(edges[-1]):
-        raise ArgumentError("a mesh must have a finite area to be sampled; this one overflows. Scale it down.")
+        raise ArgumentError("The area of the mesh overflows. Scale it down.")
     counts, guide = np.zeros(len(edges), dtype=np.int32), np.empty(len(edges), dtype=np.int64)
     _count(rng.random(n_points), edges, guide, counts)
     return counts
 
 
 def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Algorithm 2: of each triangle, corners (f, 3, 3), as many uniform points as `counts` (f,) says, (n, 3)."""
+    """Return uniform points (n, 3) in triangles, corners (f, 3, 3), `counts` (f,) in each, by Algorithm 2."""
     draws = rng.random((2, int(counts.sum())))
     positions = np.empty((draws.shape[1], 3))
     _place(corners, counts, draws, positions)
@@ -262,36 +269,37 @@ def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Ge
 def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
     """Return the indices (n,) that put points of ascending `face_ids` along a Morton curve within each face.
 
-    The cube of lower corner `lower` (3,) and that `side` has 2^16 cells along each axis; what shares a cell keeps its
+    The cube of lower corner `lower` (3,) and side `side` has 2^16 cells along each axis. Points in one cell keep their
     order.
     """
-    n = len(points)
-    codes, order, spare = np.zeros(n, dtype=np.int64), np.arange(n), np.empty(n, dtype=np.int64)
-    _sort_along_curve(points.positions, points.face_ids, lower, _CELLS / side if side > 0 else 0.0, codes, order, spare)
-    return order
+    scale = _CELLS / side if side > 0 else 0.0
+    bits = np.clip((points.positions - lower) * scale, 0.0, _CELLS - 1.0).astype(np.int64)
+    for shift, mask in _SPREADING:
+        bits = (bits | bits << shift) & mask
+    return np.lexsort((bits[:, 0] | bits[:, 1] << 1 | bits[:, 2] << 2, points.face_ids))
 
 
 @njit(cache=True, nogil=True)
 def _count(draws, edges, guide, counts):
-    """How many draws, in [0, 1) of the last edge, fall between the edges of each face and of the one before."""
+    """Count the draws, in [0, 1) of the last edge, between each face's edge and the one before."""
     n = len(edges)
     face = 0
-    for cell in range(n):  # the first face that draws of each n-th part may fall on
+    for cell in range(n):  # the first face on which draws of each n-th part may fall
         while face < n - 1 and edges[face] / edges[-1] * n < cell:
             face += 1
         guide[cell] = face
     for draw in draws:
-        face, place = guide[min(int(draw * n), n - 1)], draw * edges[-1]
-        while face > 0 and edges[face - 1] > place:  # rounding
+        face, position = guide[min(int(draw * n), n - 1)], draw * edges[-1]
+        while face > 0 and edges[face - 1] > position:  # rounding
             face -= 1
-        while face < n - 1 and edges[face] <= place:
+        while face < n - 1 and edges[face] <= position:
             face += 1
         counts[face] += 1
 
 
 @njit(cache=True, nogil=True)
 def _place(corners, counts, draws, positions):
-    """Points of uniform draws (2, n) in triangles."""
+    """Fill in the points of uniform draws (2, n) in triangles."""
     i = 0
     for face in range(len(counts)):
         for _ in range(counts[face]):
@@ -306,7 +314,7 @@ def _place(corners, counts, draws, positions):
 
 @njit(cache=True, nogil=True)
 def _fill_faces(face_normals, counts, face_ids, normals):
-    """Face and unit normal of each point, the points in the order of the faces; no normal where there is no area."""
+    """Fill in face and unit normal of each point, ordered by face; the normal of a face without area is zero."""
     end = 0
     for face in range(len(counts)):
         begin, end = end, end + counts[face]
@@ -317,46 +325,3 @@ def _fill_faces(face_normals, counts, face_ids, normals):
         for i in range(begin, end):
             face_ids[i] = face
             normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
-
-
-@njit(cache=True, nogil=True)
-def _sort_along_curve(positions, face_ids, lower, scale, codes, order, spare):
-    """Merge sort of 0, 1, 2, ... in `order` by (code, place), face by face; the codes are 0 before."""
-    n = len(positions)
-    for axis in range(3):
-        least = lower[axis]
-        for i in range(n):  # of several points at a time: no call, no branch, int64
-            bits = np.int64(min(max((positions[i, axis] - least) * scale, 0.0), _CELLS - 1.0))
-            bits = (bits | bits << 16) & 0x001F0000FF0000FF
-            bits = (bits | bits << 8) & 0x100F00F00F00F00F
-            bits = (bits | bits << 4) & 0x10C30C30C30C30C3
-            bits = (bits | bits << 2) & 0x1249249249249249
-            codes[i] |= bits << axis
-    end = 0
-    while end < n:
-        begin = end
-        while end < n and face_ids[end] == face_ids[begin]:
-            end += 1
-        for first in range(begin, end, _FEW):  # runs of a few by insertion, then merged two by two
-            for i in range(first + 1, min(first + _FEW, end)):
-                j, code = i, codes[order[i]]
-                moved = order[i]
-                while j > first and codes[order[j - 1]] > code:
-                    order[j] = order[j - 1]
-                    j -= 1
-                order[j] = moved
-        width = _FEW
-        while width < end - begin:
-            for left in range(begin, end - width, 2 * width):
-                middle, right = left + width, min(left + 2 * width, end)
-                i, j = left, middle
-                for place in range(left, right):
-                    if j == right or (i < middle and codes[order[i]] <= codes[order[j]]):
-                        spare[place] = order[i]
-                        i += 1
-                    else:
-                        spare[place] = order[j]
-                        j += 1
-                for place in range(left, right):
-                    order[place] = spare[place]  # a slice takes numba two seconds to compile, for its error's text
-            width *= 2

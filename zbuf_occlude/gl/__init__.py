@@ -1,1 +1,1 @@
-"""Everything OpenGL: the context, the shaders and the passes. Knows nothing of the paper's algorithms or of methods."""
+"""OpenGL: context, shaders and passes, independent of the methods that use them."""

@@ -1,4 +1,4 @@
-"""Storage buffers within the driver's limits: what does not fit into one block is split into parts."""
+"""Storage buffers within the driver's limits; larger arrays are split into parts."""
 
 import ctypes
 from typing import Any, Self
@@ -8,8 +8,8 @@ import numpy as np
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import UINT, GlContext
 
-LARGEST = 1 << 27
-"""Bytes of a buffer that shaders write answers into, at most: what llvmpipe and older drivers show of one."""
+MAX_ANSWER_BYTES = 1 << 27
+"""Maximum bytes of a buffer for answers: shaders of llvmpipe and of older drivers see no more of a buffer."""
 
 # names of the OpenGL registry
 _COPY_READ, _COPY_WRITE, _STREAM_READ = 0x8F36, 0x8F37, 0x88E1
@@ -18,27 +18,27 @@ _UPDATE_BARRIER = 0x0200
 
 
 def block_limit(gl: GlContext) -> int:
-    """Return the most bytes that a shader may see of one storage buffer (GL_MAX_SHADER_STORAGE_BLOCK_SIZE)."""
+    """Return the maximum bytes of a storage buffer that a shader can access (GL_MAX_SHADER_STORAGE_BLOCK_SIZE)."""
     return int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
 
 
 def answer_limit(gl: GlContext) -> int:
-    """Return the most bytes that one buffer of answers may take: `LARGEST`, or the block limit where that is less."""
-    return min(LARGEST, block_limit(gl))
+    """Return the maximum bytes of one buffer for answers: the lesser of `MAX_ANSWER_BYTES` and the block limit."""
+    return min(MAX_ANSWER_BYTES, block_limit(gl))
 
 
 def parts(n_items: int, largest: int) -> list[slice]:
-    """Split n_items into the fewest slices of at most `largest`, all but the last of one length."""
+    """Split n_items into the fewest slices of at most `largest`, all but the last of equal length."""
     n_parts = -(-n_items // largest)
     length = -(-n_items // n_parts)
     return [slice(start, min(start + length, n_items)) for start in range(0, n_items, length)]
 
 
 class Buffers:
-    """A handful of storage buffers that live and die together: name and contents of each, or its size in bytes.
+    """Set of storage buffers that are released together, given by name and contents, or name and size in bytes.
 
-    Raises GlError where one cannot be made, or is larger than a block may be. What is read is first copied to a buffer
-    of its own: a driver that sees a storage buffer mapped moves it to the host's memory, where shaders are slow.
+    Raises GlError if one cannot be made or exceeds the block limit. Reading goes through a temporary buffer: some
+    drivers move a storage buffer that is mapped to the host's memory, where shaders are slow.
     """
 
     def __init__(self, gl: GlContext, **contents: np.ndarray[Any, Any] | int) -> None:
@@ -56,8 +56,8 @@ class Buffers:
                     else:
                         self._buffers[name] = gl.ctx.buffer(np.ascontiguousarray(array))
                 except Exception as error:  # moderngl raises bare Exception
-                    raise GlError(f"{name} of {n_bytes} bytes must be made; the driver says: {error}") from None
-                # a driver without memory says so here or never
+                    raise GlError(f"The driver cannot make {name} of {n_bytes} bytes: {error}") from None
+                # only this check detects that the driver is out of memory
                 gl.check(f"{name} of {n_bytes} bytes must fit into memory", "Ask about fewer points or eyes at once.")
         except BaseException:
             self.release()
@@ -69,7 +69,7 @@ class Buffers:
             self._buffers[name].bind_to_storage_buffer(binding)
 
     def bind_uniforms(self, name: str, binding: int, *, offset: int, size: int) -> None:
-        """Bind a range of a buffer to a uniform block's binding point; drivers want offsets in multiples of 256."""
+        """Bind a range of a buffer to a uniform block's binding point; offsets must be multiples of 256."""
         self._buffers[name].bind_to_uniform_block(binding, offset=offset, size=size)
 
     def clear(self, name: str, n_bytes: int | None = None) -> None:
@@ -81,7 +81,7 @@ class Buffers:
         call.bind_buffer(_COPY_WRITE, 0)
 
     def read_into(self, name: str, array: np.ndarray[Any, Any], offset: int = 0) -> None:
-        """Read all of `array` from a buffer, from a byte offset, when all that was asked before is done."""
+        """Fill `array` from a buffer, from a byte offset on, after all earlier commands are done."""
         call = self._gl.call
         there = UINT(0)
         self._gl.ctx.memory_barrier(_UPDATE_BARRIER)
@@ -100,7 +100,7 @@ class Buffers:
         self._gl.check()
 
     def vertex_array(self, program: Any, vertices: str, indices: str) -> Any:
-        """Return a vertex array that draws triangles of positions (v, 3) float32; the caller releases it first."""
+        """Return a vertex array that draws triangles of positions (v, 3) float32; release it before the buffers."""
         bound = self._buffers[vertices]
         content = [(bound, "3f", "in_position")]
         return bound.ctx.vertex_array(program, content, index_buffer=self._buffers[indices])
@@ -112,6 +112,6 @@ class Buffers:
         self.release()
 
     def release(self) -> None:
-        """Give the memory back; calling it again does nothing."""
+        """Free the memory; calling it again does nothing."""
         while self._buffers:
             self._buffers.popitem()[1].release()

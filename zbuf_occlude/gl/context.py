@@ -1,8 +1,8 @@
-"""GlContext: the one OpenGL context of a thread, headless, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
+"""GlContext: headless OpenGL context of a thread, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
 
-Opened by the outermost layer (a command, a farm worker, the test session) and passed down; callers that pass none
-share one per thread. Nothing here happens at import. A context made before a fork hangs the children, and a library
-that calls eglTerminate on the shared display (pyrender) takes every other context of the process with it.
+The outermost layer (a command, a worker, the test session) opens a context and passes it down; callers that pass none
+share one per thread. No context is opened at import. A context made before a fork hangs the children. A library that
+calls eglTerminate on the shared display (pyrender) ends every other context of the process.
 """
 
 import ctypes
@@ -21,16 +21,16 @@ from zbuf_occlude.gl.osmesa import OsMesaContext
 from zbuf_occlude.gl.shaders import compile_program
 
 BACKENDS = ("egl", "osmesa")
-"""In the order in which they are tried."""
+"""Backends in the order in which they are tried."""
 
 ENVIRONMENT = "ZBUF_OCCLUDE_GL"
-"""Names the backend where none is given: ``egl``, ``egl:1`` (with a device index) or ``osmesa``."""
+"""Environment variable of the default backend: ``egl``, ``egl:1`` (with a device index) or ``osmesa``."""
 
 REQUIRED = 430
-"""OpenGL 4.3 core: compute shaders and shader storage buffers."""
+"""Required version, OpenGL 4.3 core: compute shaders and shader storage buffers."""
 
 _LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
-"""Environment variables of glcontext: other libraries than those that the system finds."""
+"""Environment variables of glcontext that name libraries in place of the system's."""
 
 _SETTINGS = (ENVIRONMENT, "GLCONTEXT_DEVICE_INDEX", VISIBLE, *_LIBRARIES)
 """Environment variables that decide which context opens."""
@@ -40,7 +40,7 @@ _COMMANDS_COMPLETE, _FLUSH, _TIMEOUT_EXPIRED, _WAIT_FAILED = 0x9117, 0x0001, 0x9
 _PATIENCE = 1_000_000_000  # nanoseconds of one wait
 
 _kept = threading.local()
-"""The context that `GlContext.of_thread` opened in this thread, and the settings that it was opened by."""
+"""Context that `GlContext.of_thread` opened in this thread, and the settings at that time."""
 
 UINT, INT, FLOAT, SIZE = ctypes.c_uint, ctypes.c_int, ctypes.c_float, ctypes.c_ssize_t
 UINTS, INTS, FLOATS = ctypes.POINTER(UINT), ctypes.POINTER(INT), ctypes.POINTER(FLOAT)
@@ -48,7 +48,7 @@ _POINTER, _TIME = ctypes.c_void_p, ctypes.c_uint64
 
 
 class Calls:
-    """OpenGL's own functions where moderngl has none that does what is meant; `load` finds them by name and types."""
+    """OpenGL functions that moderngl does not offer; `load` finds them by name and types."""
 
     def __init__(self, load: Callable[..., Callable[..., Any]]) -> None:
         self.gen_textures = load("glGenTextures", INT, UINTS)
@@ -81,19 +81,19 @@ class Calls:
 
 
 class GlContext:
-    """An open OpenGL context. Make one with `GlContext.open`; close it, or use it as a context manager.
+    """Open OpenGL context. Make one with `GlContext.open`; close it, or use it as a context manager.
 
     Attributes
     ----------
     backend : str
         ``"egl"`` or ``"osmesa"``.
     device_index : int or None
-        Which of the EGL devices; None with OSMesa.
+        Index of the EGL device; None with OSMesa.
     ctx : moderngl.Context
 
     Notes
     -----
-    moderngl 5.13 leaks 40 kB of host memory with each context, so a long run opens few.
+    moderngl 5.13 leaks 40 kB of host memory with each context, so a long run must open few.
     """
 
     def __init__(self, backend: str, device_index: int | None, native: Any, ctx: Any) -> None:
@@ -104,18 +104,18 @@ class GlContext:
         self._programs: dict[Any, Any] = {}
         self._process, self._thread = os.getpid(), threading.get_ident()
         self._closed = False
-        current = native.load_opengl_function("eglGetCurrentContext")  # 0 with OSMesa, which says itself when it fails
+        current = native.load_opengl_function("eglGetCurrentContext")  # 0 with OSMesa, which reports failures itself
         self._current = ctypes.CFUNCTYPE(ctypes.c_void_p)(current) if current else lambda: None
         self._handle = self._current()
         self.info: dict[str, Any] = ctx.info
-        """The driver's limits and names; asked for once, as older drivers answer with errors for what they lack."""
+        """Limits and names of the driver; queried once, because older drivers record errors for unknown ones."""
         ctx.clear_errors()
         self.renderer: str = self.info["GL_RENDERER"]
         """GL_RENDERER, e.g. ``NVIDIA H100`` or ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
         self.version: str = self.info["GL_VERSION"]
         """GL_VERSION, e.g. ``4.5 (Core Profile) Mesa 22.3.6``."""
         self.call = Calls(self.function)
-        """OpenGL's own functions."""
+        """OpenGL functions that moderngl does not offer."""
 
     @classmethod
     def open(cls, backend: str | None = None, device_index: int | None = None) -> Self:
@@ -124,11 +124,11 @@ class GlContext:
         Parameters
         ----------
         backend : {"egl", "osmesa"}, optional
-            By default what the environment variable ``ZBUF_OCCLUDE_GL`` names, else the first that works.
+            By default the backend that the environment variable ``ZBUF_OCCLUDE_GL`` names, else the first that works.
         device_index : int, optional
-            Which of the EGL devices; implies egl. By default what ``ZBUF_OCCLUDE_GL=egl:N`` says, else what
-            ``GLCONTEXT_DEVICE_INDEX`` says, else the first that ``CUDA_VISIBLE_DEVICES`` leaves, which EGL ignores by
-            itself, else 0.
+            Index of the EGL device; implies egl. By default that of ``ZBUF_OCCLUDE_GL=egl:N``, else that of
+            ``GLCONTEXT_DEVICE_INDEX``, else the first device visible by ``CUDA_VISIBLE_DEVICES``, which EGL itself
+            ignores, else 0.
 
         Returns
         -------
@@ -137,9 +137,9 @@ class GlContext:
         Raises
         ------
         OptionError
-            An unknown backend, or a device index where it means nothing.
+            An unknown backend, or a device index without egl.
         GlError
-            No context could be opened; the message names what was tried and the command that would help.
+            No context could be opened; the message names the attempts and the command that would help.
         """
         named, device = _from_environment()
         if backend is None:
@@ -165,16 +165,14 @@ class GlContext:
                 return cls("egl", index, *_open_egl(index))
             except GlError as error:
                 failures.append(f"{candidate}: {error}")
-        raise GlError(
-            f"an OpenGL {REQUIRED / 100:.1f} core context must open; it does not. Tried " + "; ".join(failures)
-        )
+        raise GlError(f"No OpenGL {REQUIRED / 100:.1f} core context opens. Tried " + "; ".join(failures))
 
     @classmethod
     def of_thread(cls) -> "GlContext":
-        """Return the context that this thread's callers without one share; it closes when the thread ends.
+        """Return the context that callers in this thread share; it closes when the thread ends.
 
-        It opens again when the settings changed or another library ended EGL's display. Raises GlError where none
-        opens, or in a process forked from one that has one.
+        It is reopened if the settings have changed or another library ended EGL's display. Raises GlError if none
+        opens, or in a process forked from one with a context.
         """
         settings = [os.environ.get(name) for name in _SETTINGS]
         kept, opened_by = getattr(_kept, "context", (None, None))
@@ -188,21 +186,21 @@ class GlContext:
 
     @property
     def is_software(self) -> bool:
-        """Whether a CPU does the rendering (containers without the graphics capability fall back to it silently)."""
+        """True if a CPU renders (containers without the graphics capability fall back to it silently)."""
         return is_software(self.renderer)
 
     def make_current(self) -> None:
-        """Make this the context that GL calls of this thread go to.
+        """Make this the current context of this thread.
 
-        Raises GlError where it is closed, of another thread or process, or its display ended.
+        Raises GlError if it is closed, belongs to another thread or process, or its display was terminated.
         """
         if self._closed:
-            raise GlError("a GlContext must be open to be used; it was closed. Open another: GlContext.open().")
+            raise GlError("This GlContext is closed. Open another: GlContext.open().")
         self._check_owner()
         if not self._becomes_current():
             raise GlError(
-                "a GlContext must be of a display that lasts; another library (pyrender, say) ended this one's. "
-                "Open another, and prepare the mesh again."
+                "The EGL display was terminated by another library (such as pyrender). Open another GlContext, and "
+                "prepare the mesh again."
             )
 
     def _becomes_current(self) -> bool:
@@ -226,14 +224,14 @@ class GlContext:
         """Return an OpenGL function by its C name and the ctypes of its arguments and result, or raise GlError."""
         address = self._native.load_opengl_function(name)
         if not address:
-            raise GlError(f"{self.renderer} must have the function {name}; it has not. Is its driver very old?")
+            raise GlError(f"{self.renderer} lacks the function {name}. Is its driver very old?")
         prototype: Callable[[int], Callable[..., Any]] = ctypes.CFUNCTYPE(returns, *arguments)
         return prototype(address)
 
     def program(self, *names: str, **constants: object) -> Any:
-        """Return the program of shader files and constants (`shaders.compile_program`), compiled once a context.
+        """Return the program of shader files and constants (`shaders.compile_program`), compiled once per context.
 
-        It belongs to the context. Set all its uniforms before each use: another occluder may have left its own.
+        It belongs to the context. Set all its uniforms before each use, because other queries set their own.
         """
         key = (names, tuple(sorted(constants.items())))
         if key not in self._programs:
@@ -241,14 +239,14 @@ class GlContext:
         return self._programs[key]
 
     def check(self, expected: str = "OpenGL must report no error", remedy: str = "") -> None:
-        """Raise GlError if OpenGL has recorded an error since the last check, and clear it. Call it once a batch."""
+        """Raise GlError if OpenGL has recorded an error since the last check, and clear it. Call it once per batch."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             self.ctx.clear_errors()
             raise GlError(f"{expected}; {self.renderer} reports {error}. {remedy}".rstrip())
 
     def wait(self) -> None:
-        """Wait until OpenGL has done all that it was asked; other threads of Python run meanwhile."""
+        """Wait until OpenGL has executed all commands; other Python threads run meanwhile."""
         fence = self.call.fence(_COMMANDS_COMPLETE, 0)
         try:
             while (ended := self.call.wait(fence, _FLUSH, _PATIENCE)) == _TIMEOUT_EXPIRED:
@@ -257,20 +255,20 @@ class GlContext:
             self.call.delete_fence(fence)
         if ended == _WAIT_FAILED:
             self.check()
-            raise GlError(f"{self.renderer} must finish what it was asked; waiting for it failed.")
+            raise GlError(f"Waiting for {self.renderer} to finish its commands failed.")
 
     def close(self) -> None:
-        """Destroy the context and all that lives in it; calling it again does nothing, nor does a forked child."""
+        """Destroy the context and its objects; no effect if called again, or in a forked child."""
         if not self._closed:
             if os.getpid() == self._process:
                 self._check_owner()
                 if self._current() == self._handle:
-                    self._native.__exit__()  # what is current in a thread outlives its own end, and the thread's
+                    self._native.__exit__()  # a current context would not be destroyed, even at the thread's end
                 self.ctx.release()
             self._closed = True
 
     def __del__(self) -> None:
-        """Close the context with its last reference, as at a thread's end; the end of the process closes all."""
+        """Close the context when its last reference goes, as at a thread's end; the end of the process closes all."""
         of_here = getattr(self, "_thread", None) == threading.get_ident() and self._process == os.getpid()
         if of_here and not sys.is_finalizing():
             self.close()
@@ -288,7 +286,7 @@ class GlContext:
 
 
 def _from_environment() -> tuple[str | None, int | None]:
-    """Backend and device index that the environment names, each None when it does not."""
+    """Return the backend and device index that the environment names, None for each that it does not."""
     value = os.environ.get(ENVIRONMENT, "").strip()
     backend, colon, device = value.partition(":")
     if value and (backend not in BACKENDS or (colon and not (backend == "egl" and device.isdecimal()))):
@@ -300,7 +298,7 @@ def _from_environment() -> tuple[str | None, int | None]:
 
 
 def egl_fix() -> str:
-    """Return the command that may help where EGL does not work; no package helps if the environment names libraries."""
+    """Return the command that may make EGL work: unset variables that name libraries, else install packages."""
     named = [name for name in _LIBRARIES if os.environ.get(name)]
     return f"unset {' '.join(named)}" if named else FIXES["egl"]
 
@@ -312,7 +310,7 @@ def _open_egl(device_index: int) -> tuple[Any, Any]:
     try:
         from glcontext import egl
 
-        # the C part itself: its Python wrapper lets GLCONTEXT_DEVICE_INDEX override an explicit index
+        # the C module itself: its Python wrapper lets GLCONTEXT_DEVICE_INDEX override an explicit index
         context = egl.create_context(
             mode="standalone", glversion=REQUIRED, libegl=libegl, libgl=libgl, device_index=device_index
         )

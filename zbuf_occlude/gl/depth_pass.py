@@ -1,4 +1,4 @@
-"""The mesh drawn into an atlas of depth tiles, many cameras a draw; one depth image read back to look at."""
+"""Depth pass: the mesh drawn into an atlas of depth tiles, many cameras per draw; and single depth images."""
 
 import ctypes
 from collections.abc import Callable
@@ -19,12 +19,13 @@ from zbuf_occlude.gl.shaders import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, EYES_PER_BYTE, TILE, Unit, arrange_tiles, reversed_depth
 from zbuf_occlude.views import Views
 
-MOST_TILES = 48
-"""Of a batch: eight eyes with six cube faces each; their matrices fit into a uniform block on any driver."""
+MAX_TILES = 48
+"""Maximum tiles of a batch, eight eyes with six cube faces each; their matrices fit into a uniform block on any
+driver."""
 
 SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 24, 1 << 28
-"""What an atlas may take: caches, and memory touched first, matter to a CPU; full batches to a GPU. One eye's tiles may
-exceed it."""
+"""Memory budget of an atlas: small for a CPU, for the sake of its caches; large for a GPU, for full batches. The tiles
+of a single eye may exceed it."""
 
 NO_FACE = -1
 
@@ -33,7 +34,7 @@ _TEXTURE_2D, _TEXTURE0, _NEAREST = 0x0DE1, 0x84C0, 0x2600
 _MIN_FILTER, _MAG_FILTER = 0x2801, 0x2800
 _WRAP_S, _WRAP_T, _CLAMP_TO_EDGE = 0x2802, 0x2803, 0x812F
 _DEPTH_COMPONENT32F, _DEPTH_COMPONENT = 0x8CAC, 0x1902
-_FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0, _COMPLETE = 0x8D40, 0x8D00, 0x8CE0, 0x8CD5
+_FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0 = 0x8D40, 0x8D00, 0x8CE0
 _DEPTH, _COLOR, _NONE = 0x1801, 0x1800, 0
 _RED_INTEGER, _INTS32, _FLOATS32 = 0x8D94, 0x1404, 0x1406
 _SCISSOR_TEST, _CLIP_DISTANCES = 0x0C11, (0x3000, 0x3001, 0x3002, 0x3003)
@@ -42,37 +43,37 @@ _LOWER_LEFT, _NEGATIVE_ONE_TO_ONE, _ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """A mesh to be drawn, along a space-filling curve so that tiles stay in caches."""
+    """Arrays of a mesh to be drawn, in the order of a space-filling curve so that tiles stay in caches."""
 
     positions: FloatArray  # (v, 3) unit space; only vertices in use
-    faces: IntArray  # (f, 3) in the order of drawing
-    places: IntArray  # (f,) where each of the mesh's faces is in that order
-    normals: NDArray[np.float32]  # (f, 3) of the mesh's faces, unit length; 0 where a face has no area
+    faces: IntArray  # (f, 3) in drawing order
+    ranks: IntArray  # (f,) position of each of the mesh's faces in drawing order
+    normals: NDArray[np.float32]  # (f, 3) unit normals of the mesh's faces; 0 for a face without area
 
 
 def arrange_mesh(mesh: Mesh, unit: Unit) -> MeshArrays:
     """Arrange a mesh for drawing."""
     used = np.zeros(len(mesh.vertices), dtype=bool)
     used[mesh.faces] = True
-    indices = np.cumsum(used, dtype=np.int32) - np.int32(1)  # of the vertices in use, in their order
+    indices = np.cumsum(used, dtype=np.int32) - np.int32(1)  # of each vertex among those in use
     order = hilbert_order(mesh.corners.mean(axis=1))
-    places = np.empty(len(order), dtype=np.int32)
-    places[order] = np.arange(len(order))
+    ranks = np.empty(len(order), dtype=np.int32)
+    ranks[order] = np.arange(len(order))
     lengths = np.linalg.norm(mesh.face_normals, axis=1, keepdims=True)
     normals = np.divide(mesh.face_normals, lengths, out=np.zeros_like(mesh.face_normals), where=lengths > 0.0)
     return MeshArrays(
         positions=unit.to(mesh.vertices[used]),
         faces=indices[mesh.faces[order]],
-        places=places,
+        ranks=ranks,
         normals=normals.astype(np.float32),
     )
 
 
 def mesh_buffers(gl: GlContext, mesh: MeshArrays) -> Buffers:
-    """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
+    """Upload a mesh to the GPU: `vertices` and `indices` for drawing, `corners` (f, 3, 4) for tests in shaders.
 
-    Takes 12 bytes per vertex and 72 bytes per face. A flat shader input takes the value of a face's last vertex, so
-    each face gets one of its own: the first f vertices, in the faces' order.
+    Takes 12 bytes per vertex and 72 bytes per face. A flat shader input has the value of a face's last vertex, so each
+    face gets a last vertex of its own: the first f vertices, in drawing order.
     """
     positions, n_faces = mesh.positions.astype(np.float32), len(mesh.faces)
     corners = np.zeros((n_faces, 3, 4), dtype=np.float32)
@@ -84,22 +85,20 @@ def mesh_buffers(gl: GlContext, mesh: MeshArrays) -> Buffers:
 
 
 class Atlas:
-    """One big depth buffer, cut into square tiles, with the id of the nearest face beside each depth if `faces` is set.
+    """Depth buffer of square tiles, with the id of the nearest face beside each depth if `faces` is True.
 
-    moderngl knows depth textures of 24 bits only and no reversed depth, so the calls that this takes are OpenGL's own.
-    Depth is reversed (`tiles.Pictures`), in 32-bit floats. Takes 4 bytes per pixel, 8 with faces.
+    Depth is reversed (`tiles.Pictures`), in 32-bit floats. moderngl offers neither such textures nor reversed depth, so
+    this class calls OpenGL directly. Takes 4 bytes per pixel, 8 with faces.
     """
 
     def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:
         self.resolution, self.n_tiles, self.faces = resolution, n_tiles, faces
         largest = int(gl.info["GL_MAX_TEXTURE_SIZE"]) // resolution
-        # as narrow as it may be: what is near in a tile is then near in memory
+        # as few columns as possible: pixels that are near in a tile are then near in memory
         self.columns = -(-n_tiles // max(largest, 1))
         rows = -(-n_tiles // self.columns)
         if max(self.columns, rows) > largest:
-            raise GlError(
-                f"{n_tiles} tiles of {resolution} pixels must fit into a texture of {gl.renderer}; they do not."
-            )
+            raise GlError(f"{n_tiles} tiles of {resolution} pixels do not fit into a texture of {gl.renderer}.")
         self.size = (self.columns * resolution, rows * resolution)
         self._gl, self._call = gl, gl.call
         gl.check()
@@ -140,7 +139,7 @@ class Atlas:
         self._call.bind_texture(_TEXTURE_2D, texture)
 
     def draw(self, n_tiles: int, render: Callable[[], None], *, clip: bool) -> None:
-        """Clear the first tiles and let `render` draw into them; `clip`: the shader writes four clip distances."""
+        """Clear the first tiles and call `render` to draw into them; `clip`: the shader writes four clip distances."""
         call, ctx = self._call, self._gl.ctx
         rows = -(-n_tiles // self.columns)
         call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
@@ -166,16 +165,16 @@ class Atlas:
             call.bind_framebuffer(_FRAMEBUFFER, 0)
 
     def use(self, *, depths: int, faces: int) -> None:
-        """Bind the depths, and the face ids where they are kept, to texture units."""
+        """Bind the depths and, if any, the face ids to texture units."""
         self._bind(_TEXTURE0 + depths, self._depth)
         if self.faces:
             self._ids.use(faces)
 
     def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Read a tile back: depths and face ids, (resolution, resolution) each, the lowest row first."""
+        """Read back depths and face ids of a tile, (resolution, resolution) each, the lowest row first."""
         side, call = self.resolution, self._call
         depths, ids = np.empty((side, side), np.float32), np.full((side, side), NO_FACE, np.int32)
-        row, column = (side * place for place in divmod(tile, self.columns))
+        row, column = (side * index for index in divmod(tile, self.columns))
         call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
         call.read_pixels(column, row, side, side, _DEPTH_COMPONENT, _FLOATS32, depths.ctypes.data)
         if self.faces:
@@ -185,7 +184,7 @@ class Atlas:
         return depths, ids
 
     def release(self) -> None:
-        """Give the memory back; calling it again does nothing."""
+        """Free the memory; calling it again does nothing."""
         self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))  # OpenGL ignores 0
         self._call.delete_textures(1, ctypes.byref(self._depth))
         self._depth, self._framebuffer = UINT(0), UINT(0)
@@ -195,18 +194,18 @@ class Atlas:
 
 
 class DepthPass:
-    """A mesh (`mesh_buffers`, the caller's) drawn into an atlas by many cameras a draw, 1 or `CUBE` per eye.
+    """Pass that draws a mesh (`mesh_buffers`, owned by the caller) for many cameras at once, 1 or `CUBE` per eye.
 
     With `ids` the atlas keeps the nearest face beside the depth.
     """
 
     def __init__(self, gl: GlContext, buffers: Buffers, resolution: int, *, ids: bool, tiles_per_eye: int) -> None:
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
-        eyes = int(np.clip(budget, tiles_per_eye, MOST_TILES)) // tiles_per_eye
+        eyes = int(np.clip(budget, tiles_per_eye, MAX_TILES)) // tiles_per_eye
         self.n_eyes = eyes // EYES_PER_BYTE * EYES_PER_BYTE if eyes > EYES_PER_BYTE else eyes
-        """Eyes of a batch."""
+        """Number of eyes of a batch."""
         self._program = gl.program(
-            "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_per_eye == CUBE)
+            "depth.vert", "depth.frag", TILES=MAX_TILES, FACES=int(ids), CUBE=int(tiles_per_eye == CUBE)
         )
         self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_per_eye, faces=ids)
         self._tiles_per_eye = tiles_per_eye
@@ -218,35 +217,35 @@ class DepthPass:
             raise
 
     def draw(self, n_tiles: int) -> None:
-        """Draw the mesh into the first tiles, by the matrices bound to uniform block 0."""
+        """Draw the mesh into the first tiles, with the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
         self.atlas.draw(n_tiles, lambda: self._drawn.render(instances=n_tiles), clip=self._tiles_per_eye == CUBE)
 
     def release(self) -> None:
-        """Give the GPU's memory back; calling it again does nothing."""
+        """Free the GPU's memory; calling it again does nothing."""
         if self._drawn is not None:
             self._drawn.release()
         self.atlas.release()
 
 
 def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
-    """Render a mesh's depth as one camera sees it.
+    """Render the depth image of a mesh from one camera.
 
     Parameters
     ----------
     gl : GlContext
     mesh : Mesh
     view : Views
-        One view, distance in world units; its picture is its window, or holds the mesh.
+        One view, distance in world units. The picture is its field of view, or fitted to the mesh.
     size : int
-        Pixels along a side. Pixels are square; of a picture that is not, its middle is the image's.
+        Pixels along a side. Pixels are square; a picture that is not square is centred in the image.
 
     Returns
     -------
     (size, size) float64
-        Eye depth (along the camera's axis) at the pixels' centres, world units, the highest row first;
-        infinite where nothing is.
+        Eye depth (along the camera's axis) at the pixels' centres, world units, the highest row first; infinite for the
+        background.
 
     Raises
     ------
@@ -254,14 +253,14 @@ def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArra
         The eye is within the mesh's bounding box, or so near that no single picture holds the mesh.
     """
     gl.make_current()
-    unit = Unit.of(mesh.centre, mesh.diagonal)
+    unit = Unit.from_box(mesh.centre, mesh.diagonal)
     arrays = arrange_mesh(mesh, unit)
     views = rigid_matrices(view.poses[:, :3, :3], unit.to(view.eyes))
     cameras = reversed_depth(views, picture_frusta(views, arrays.positions, view.windows))
     with mesh_buffers(gl, arrays) as mesh_on_gpu:
         depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
         try:
-            tiles = np.zeros(MOST_TILES, dtype=TILE)
+            tiles = np.zeros(MAX_TILES, dtype=TILE)
             tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)
             with Buffers(gl, tiles=tiles) as buffers:
                 buffers.bind_uniforms("tiles", 0, offset=0, size=tiles.nbytes)

@@ -1,4 +1,4 @@
-"""EGL devices, the choice among them by CUDA_VISIBLE_DEVICES, and what keeps OpenGL from an NVIDIA GPU."""
+"""EGL devices, their selection by CUDA_VISIBLE_DEVICES, and diagnosis of missing OpenGL on NVIDIA GPUs."""
 
 import ctypes
 import os
@@ -20,12 +20,12 @@ FIXES = {
     "egl": "apt-get install libegl1 libgl1-mesa-dri",
     "osmesa": "apt-get install libosmesa6",
 }
-"""The one command (Debian) that installs what a backend needs on a machine without a GPU's own driver."""
+"""Command (Debian) that installs a backend's libraries on a machine without a GPU driver."""
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 NVIDIA = Path("/dev/nvidiactl")
-"""There where a driver for NVIDIA's GPUs is."""
+"""Device file that exists if a driver for NVIDIA GPUs is loaded."""
 
 ICD = '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}'
 _LIBRARIES = ("usr/lib/x86_64-linux-gnu", "usr/lib/aarch64-linux-gnu", "usr/lib64", "usr/lib", "usr/local/lib", "lib64")
@@ -34,26 +34,26 @@ _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "l
 
 
 def is_software(renderer: str) -> bool:
-    """Whether a GL_RENDERER runs on the CPU."""
+    """Return whether a GL_RENDERER runs on the CPU."""
     return any(name in renderer.lower() for name in _SOFTWARE)
 
 
 @dataclass(frozen=True)
 class EglDevice:
-    """One row of eglQueryDevicesEXT.
+    """EGL device, an entry of eglQueryDevicesEXT.
 
     Attributes
     ----------
     index : int
-        What `GlContext.open(device_index=...)` takes.
+        Index for `GlContext.open(device_index=...)`.
     cuda_device : int or None
-        The CUDA ordinal of the same GPU, as CUDA counts without CUDA_VISIBLE_DEVICES; None when it is no CUDA device.
+        CUDA ordinal of the same GPU, without regard to CUDA_VISIBLE_DEVICES; None if it is not a CUDA device.
     drm_file : str
-        E.g. ``/dev/dri/card0``; "" when it has none.
+        DRM device file, such as ``/dev/dri/card0``; "" for none.
     is_software : bool
-        Mesa's rasteriser, by its extension EGL_MESA_device_software.
+        True for Mesa's rasteriser, by its extension EGL_MESA_device_software.
     uuid : str
-        As nvidia-smi names it, ``GPU-...``; "" when the driver does not tell.
+        UUID as shown by nvidia-smi, ``GPU-...``; "" if the driver does not report it.
     """
 
     index: int
@@ -64,17 +64,17 @@ class EglDevice:
 
 
 def egl_devices() -> tuple[EglDevice, ...]:
-    """List the EGL devices without opening a display; GlError where libEGL is missing or cannot list them."""
+    """List the EGL devices without opening a display; raise GlError if libEGL is missing or cannot list them."""
     name = find_library("EGL") or "libEGL.so.1"
     try:
         library = ctypes.CDLL(name)
     except OSError as error:
-        raise GlError(f"libEGL must be installed; it could not be loaded: {error}.") from None
+        raise GlError(f"libEGL cannot be loaded: {error}.") from None
     library.eglGetProcAddress.restype = ctypes.c_void_p
     library.eglGetProcAddress.argtypes = [ctypes.c_char_p]
     addresses = [library.eglGetProcAddress(symbol) for symbol in _NAMES]
     if not all(addresses[:3]):
-        raise GlError("libEGL must have EGL_EXT_device_enumeration and EGL_EXT_device_query; it has not.")
+        raise GlError("libEGL lacks EGL_EXT_device_enumeration or EGL_EXT_device_query.")
     # prototypes: EGLBoolean and EGLint are 32-bit, EGLAttrib and handles are as wide as a pointer
     boolean, pointer, integer = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int
     query = ctypes.CFUNCTYPE(boolean, integer, ctypes.POINTER(pointer), ctypes.POINTER(integer))(addresses[0])
@@ -84,7 +84,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
     handles, count = (pointer * _MOST)(), integer(0)
     if not query(_MOST, handles, ctypes.byref(count)):
-        raise GlError("eglQueryDevicesEXT must list the devices; it failed.")
+        raise GlError("eglQueryDevicesEXT failed to list the devices.")
     devices = []
     for index in range(count.value):
         handle, value = handles[index], ctypes.c_ssize_t(0)
@@ -107,10 +107,10 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def left_by_cuda(devices: Sequence[EglDevice], visible: str | None) -> tuple[EglDevice, ...]:
-    """Return the devices that a value of CUDA_VISIBLE_DEVICES names, in its order, then those that are no CUDA devices.
+    """Return the devices that a value of CUDA_VISIBLE_DEVICES names, in its order, then those without CUDA.
 
-    The value holds numbers or beginnings of UUIDs between commas; None leaves all. As with CUDA, an unknown word hides
-    what follows it.
+    The value is a comma-separated list of ordinals or prefixes of UUIDs; None leaves all devices. As with CUDA, an
+    unknown entry hides the entries after it.
     """
     if visible is None:
         return tuple(devices)
@@ -129,27 +129,27 @@ def left_by_cuda(devices: Sequence[EglDevice], visible: str | None) -> tuple[Egl
 
 
 def default_device() -> int:
-    """Return the index of the first device that CUDA_VISIBLE_DEVICES leaves; 0 where that says nothing."""
+    """Return the index of the first device that CUDA_VISIBLE_DEVICES leaves; 0 if it is not set."""
     visible = os.environ.get(VISIBLE)
     if visible is None:
         return 0
     try:
         devices = egl_devices()
-    except GlError:  # opening it will say why
+    except GlError:  # opening the device will report the reason
         return 0
     left = left_by_cuda(devices, visible)
     return left[0].index if left else 0
 
 
 class GlProblem(NamedTuple):
-    """Why there is no OpenGL on the GPU, in a sentence, and the one thing to do."""
+    """Reason why there is no OpenGL on the GPU, a sentence, and the remedy."""
 
     cause: str
     fix: str
 
 
 def find_gl_problem(root: Path = Path("/"), environment: Mapping[str, str] | None = None) -> GlProblem | None:
-    """Say what keeps OpenGL from an NVIDIA GPU, by its files; None where there is no GPU, or nothing is missing."""
+    """Return the reason, from the system's files, why OpenGL does not run on an NVIDIA GPU; None if there is none."""
     if not (root / "dev/nvidiactl").exists():
         return None
     environment = os.environ if environment is None else environment
@@ -160,31 +160,31 @@ def find_gl_problem(root: Path = Path("/"), environment: Mapping[str, str] | Non
     named = ",".join(environment.get(name, "") for name in ("CUDA_VISIBLE_DEVICES", "NVIDIA_VISIBLE_DEVICES"))
     if "MIG-" in named or any((root / "proc/driver/nvidia/capabilities").glob("gpu*/mig/gi*")):
         return GlProblem(
-            "the NVIDIA GPU is cut into MIG instances, which have no graphics.",
-            "run on a GPU that is not cut, or take --method exact",
+            "the NVIDIA GPU is divided into MIG instances, which have no graphics.",
+            "run on a GPU without MIG, or use --method exact",
         )
     if not has("libEGL_nvidia.so"):
         return GlProblem(
-            "there is an NVIDIA GPU, but not the driver's libEGL_nvidia.",
+            "there is an NVIDIA GPU, but the driver's libEGL_nvidia is missing.",
             "start the container with -e NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility "
             "(outside one: install the driver's libnvidia-gl package)",
         )
     if not (has("libEGL.so.1") and has("libGLdispatch.so.0")):
         return GlProblem(
-            "there is an NVIDIA GPU and its driver, but not glvnd's libEGL, which finds drivers.",
+            "there is an NVIDIA GPU and its driver, but glvnd's libEGL, which finds drivers, is missing.",
             "apt-get install libegl1",
         )
     if not any(file for folder in _VENDORS for file in (root / folder).glob("*nvidia*.json")):
         return GlProblem(
-            "there is an NVIDIA GPU and its driver, but no ICD file that names it to glvnd.",
+            "there is an NVIDIA GPU and its driver, but no ICD file registers it with glvnd.",
             f"echo '{ICD}' > /usr/share/glvnd/egl_vendor.d/10_nvidia.json",
         )
     return None
 
 
 def explain_software_fallback(renderer: str) -> str:
-    """Say that a GL_RENDERER is software though there is an NVIDIA GPU, and why; "" where that is not so."""
+    """Return why a GL_RENDERER is software although there is an NVIDIA GPU; "" if that is not the case."""
     if not is_software(renderer) or not NVIDIA.exists():
         return ""
-    found = find_gl_problem() or GlProblem("nothing is seen to be missing.", "ask `zbuf-occlude doctor`")
-    return f"OpenGL runs in software ({renderer}), though /dev/nvidiactl is there: {found.cause} Fix: {found.fix}"
+    found = find_gl_problem() or GlProblem("nothing is known to be missing.", "run `zbuf-occlude doctor`")
+    return f"OpenGL runs in software ({renderer}), although /dev/nvidiactl exists: {found.cause} Fix: {found.fix}"

@@ -1,4 +1,4 @@
-"""The irregular z-buffer as a compute pass: visible or not, exactly, for packets of points and many eyes at once."""
+"""Irregular z-buffer as a compute pass: exact visibility for packets of points and many eyes at once."""
 
 import time
 from dataclasses import dataclass
@@ -17,30 +17,30 @@ from zbuf_occlude.gl.tiles import Unit
 from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
 MAX_LEVELS = 9
-"""Of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
+"""Maximum levels of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
 
 BUDGET = 6000
-"""Steps after which a work group gives up; llvmpipe allows 65,535 iterations, of which a step may take eight."""
+"""Steps after which a work group stops; llvmpipe allows 65,535 iterations, of which a step may take eight."""
 
 _FACE_BYTES, _POINT_BYTES = 72, 32
-"""The largest record of a face, and of a point, in one buffer."""
+"""Size of the largest record of a face, and of a point, in one buffer."""
 
 _MAX_GROUPS = 65535
-"""What every driver allows of work groups along an axis."""
+"""Work groups along an axis that every driver allows."""
 
 EPSILON = 2.0**-24
-"""float32's unit roundoff, in which the shader states its bounds."""
+"""Unit roundoff of float32, the unit of the shader's error bounds."""
 
 DISPATCH_SECONDS = 0.1
-"""What one dispatch may take: drivers of GPUs with a display reset them after some seconds, and others wait."""
+"""Target time of one dispatch. A GPU with a display is reset after some seconds, and other programs wait."""
 
 _FIRST_GROUPS = 1 << 14
-"""Of the first dispatch, before any was timed."""
+"""Work groups of the first dispatch, before any was timed."""
 
 _BINDINGS = 10
 
 _HEAD = 8
-"""Numbers before the list of the unfinished."""
+"""Numbers before the list of unfinished tasks."""
 
 WIDTH = 8
 """Children of an inner box."""
@@ -49,9 +49,9 @@ LEAF = 8
 """Faces of a cluster."""
 
 BLOCK = 256
-"""Packets that a thread fills at a time."""
+"""Packets per block of a thread."""
 
-NONE = np.uint32(0xFFFFFFFF)
+NO_INDEX = np.uint32(0xFFFFFFFF)
 
 EXACT_POINT = np.dtype([("position", "<f8", 3), ("order", "<u4"), ("unused", "<u4")])
 EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)])
@@ -59,39 +59,39 @@ EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)]
 
 @dataclass(frozen=True)
 class WorkGroup:
-    """How work is cut for the hardware; no answer depends on it."""
+    """Division of the work for the hardware; no answer depends on it."""
 
-    threads: int  # of a work group
+    threads: int  # threads of a work group
     per_thread: int  # points of a thread, at most 31
     strands: int  # threads that share a point and divide its triangles; divides `threads`
-    triangles: int  # listed before the points test them
+    triangles: int  # triangles listed before the points test them
 
     @property
     def packet(self) -> int:
-        """Points of a packet."""
+        """Number of points of a packet."""
         return self.threads // self.strands * self.per_thread
 
 
-Shapes = tuple[tuple[float, WorkGroup], ...]
-"""Points a face from which on a shape is the best, and the shape; the last from 0 on."""
+WorkGroups = tuple[tuple[float, WorkGroup], ...]
+"""Work groups with the least number of points per face for which each is the best, in descending order down to 0."""
 
-SOFTWARE: Shapes = ((0.4, WorkGroup(8, 16, 1, 24)), (0.05, WorkGroup(8, 1, 2, 24)), (0.0, WorkGroup(8, 1, 8, 24)))
-"""For llvmpipe: one vector to a group, and many points per thread to make up for its slow shared memory."""
+SOFTWARE: WorkGroups = ((0.4, WorkGroup(8, 16, 1, 24)), (0.05, WorkGroup(8, 1, 2, 24)), (0.0, WorkGroup(8, 1, 8, 24)))
+"""Work groups for llvmpipe: one vector per group, and many points per thread because its shared memory is slow."""
 
-HARDWARE: Shapes = (
+HARDWARE: WorkGroups = (
     (20.0, WorkGroup(32, 2, 1, 16)),
     (4.0, WorkGroup(32, 1, 1, 16)),
     (0.7, WorkGroup(32, 1, 2, 16)),
     (0.05, WorkGroup(32, 1, 8, 16)),
     (0.0, WorkGroup(32, 1, 32, 16)),
 )
-"""For a GPU: one warp to a group, little shared memory so that many groups are in flight, and the packets for which
-the fewest operations were counted: small ones where points are sparse, or each would look at too many faces."""
+"""Work groups for a GPU: one warp per group, and little shared memory so that many groups run at a time. The packet
+sizes are those with the fewest operations: small for sparse points, where a large packet would test too many faces."""
 
 
-def best_shape(shapes: Shapes, n_points: int, n_faces: int) -> WorkGroup:
-    """Choose by how many points come to a face."""
-    return next(shape for least, shape in shapes if n_points >= least * n_faces)
+def best_work_group(work_groups: WorkGroups, n_points: int, n_faces: int) -> WorkGroup:
+    """Choose the work group by the number of points per face."""
+    return next(shape for least, shape in work_groups if n_points >= least * n_faces)
 
 
 def shader_constants(shape: WorkGroup, counting: bool) -> dict[str, object]:
@@ -108,19 +108,19 @@ def shader_constants(shape: WorkGroup, counting: bool) -> dict[str, object]:
         "EPSILON": EPSILON,
         "COUNTING": counting,
         "MAX_LEVELS": MAX_LEVELS,
-        # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
+        # a level gets opened * WIDTH boxes at a time, and more only when fewer than `opened` of it are left
         "STACK": MAX_LEVELS * opened * (WIDTH + 1),
     }
 
 
 @dataclass(frozen=True)
 class FaceArrays:
-    """Faces in Hilbert order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
+    """Faces in Hilbert order, and a tree of boxes over clusters of `LEAF` faces, with `WIDTH` children per box.
 
-    Child j of box i of level l is box i WIDTH + j of level l + 1; the last level's are the clusters.
+    Child j of box i of level l is box i WIDTH + j of level l + 1; the boxes of the last level are the clusters.
     """
 
-    face_ids: IntArray  # (f,) the mesh's face at each place
+    face_ids: IntArray  # (f,) the mesh's faces in Hilbert order
     faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
     corners: FloatArray  # (f, 9) world space
     boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
@@ -134,7 +134,7 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     local = unit.to(corners)
     a, b, c = local[:, 0], local[:, 1], local[:, 2]
     faces = np.zeros((len(corners), 16), dtype=np.float32)
-    # rounded from float64 differences, so small faces keep their precision
+    # rounded from float64 differences, so that small faces keep their precision
     faces[:, 0:3], faces[:, 3:6], faces[:, 6:9] = a, b - a, c - a
     faces[:, 9:12], faces[:, 12:15] = np.cross(b - a, c - a), c - b
     low, high = local.min(axis=1), local.max(axis=1)
@@ -156,15 +156,15 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
 
 @dataclass(frozen=True)
 class PointArrays:
-    """Points in packets of `size` neighbours."""
+    """Points in packets of neighbours."""
 
-    points: NDArray[np.uint32]  # (packets * size, 4) bits of the float32 offset from the centre; own face or `NONE`
-    exact_points: NDArray[Any]  # (packets * size,) EXACT_POINT: world space, and which point; `NONE` pads the last
+    points: NDArray[np.uint32]  # (packets * size, 4) bits of the float32 offset from the centre; rank of the own face
+    exact_points: NDArray[Any]  # (packets * size,) EXACT_POINT: world space, index; `NO_INDEX` for padding
     packets: NDArray[np.float32]  # (packets, 8) centre and radius, half size; unit space
 
 
-def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit: Unit) -> PointArrays:
-    """Arrange n points into packets of `size`; own_places (n,): the own face's place among FaceArrays, -1 for none."""
+def arrange_points(positions: FloatArray, own_ranks: IntArray, size: int, unit: Unit) -> PointArrays:
+    """Arrange n points into packets of `size`; own_ranks (n,) are their own faces' ranks in FaceArrays, -1 for none."""
     n = len(positions)
     n_packets = -(-n // size)
     order = np.empty(n_packets * size, dtype=np.int64)
@@ -176,15 +176,15 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     offsets, world = points.view(np.float32), exact_points.view(np.float64).reshape(-1, 4)
     in_unit = unit.centre, unit.scale
     parallel_for(_pack, n_blocks(n_packets, BLOCK), positions, order, size, *in_unit, offsets, world, packets)
-    points[:, 3] = own_places[order].astype(np.uint32)
+    points[:, 3] = own_ranks[order].astype(np.uint32)
     exact_points["order"] = order
-    exact_points["order"][n:] = NONE
+    exact_points["order"][n:] = NO_INDEX
     return PointArrays(points, exact_points, packets)
 
 
 @parallel_kernel
 def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, packets):
-    """Fill in the geometry of packets: offsets and world get a column more than three, which is left alone."""
+    """Fill in the geometry of packets; the fourth columns of `offsets` and `world` are not written."""
     begin, end = take_block(tasks, len(packets), BLOCK)
     while begin < end:
         for packet in range(begin, end):
@@ -197,7 +197,7 @@ def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, pac
                     local = (world[i, axis] - unit_centre[axis]) * scale
                     low, high = min(low, local), max(high, local)
                 packets[packet, axis] = (low + high) / 2.0
-                # a hair more than it is, for the rounding to float32
+                # enlarged slightly, for the rounding to float32
                 centre = np.float64(packets[packet, axis])
                 packets[packet, 4 + axis] = max(high - centre, centre - low) * (1.0 + 1e-6)
             for i in range(first, first + size):
@@ -212,37 +212,37 @@ def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, pac
 
 
 def arrange_eyes(eyes: FloatArray, unit: Unit) -> NDArray[Any]:
-    """Eyes (k, 3), world space, as EYE records: as they are, and in unit space times a power of two g; g last."""
+    """Return EYE records of eyes (k, 3): world space, unit space times a power of two g, and g."""
     local = unit.to(eyes)
     exponent = -np.frexp(1.0 + 2.0 * np.abs(local).max(axis=1))[1]
     records = np.zeros(len(eyes), dtype=EYE)
     records["position"] = eyes
     records["scaled"][:, :3] = np.ldexp(local, exponent[:, None])
-    # float32 has no smaller ones, and beyond 2^100 the mesh's size is below an eye's rounding
+    # float32 has no smaller powers, and beyond 2^100 the mesh is smaller than the rounding of an eye
     records["scaled"][:, 3] = np.ldexp(1.0, np.maximum(exponent, -100))
     return records
 
 
-class Work(NamedTuple):
-    """What was done to answer, summed over all calls."""
+class WorkCounts(NamedTuple):
+    """Operations, summed over all calls."""
 
-    groups: int = 0  # packets x eyes, and those that were cut out of too large ones
-    boxes: int = 0  # tested against a packet's shaft, as are triangles
-    triangles: int = 0
-    tests: int = 0  # of a triangle by all points of a packet
-    doubts: int = 0  # of a triangle by one point, tested in float64
+    groups: int = 0  # pairs of packet and eye, and parts of pairs that were divided
+    boxes: int = 0  # boxes tested against a packet's shaft
+    triangles: int = 0  # triangles tested against a packet's shaft
+    tests: int = 0  # tests of a triangle by all points of a packet
+    doubts: int = 0  # tests of a triangle by one point in float64
 
 
 @dataclass(frozen=True)
 class PointPackets:
-    """Points on the GPU, in parts that fit into a storage block: which points, packets, buffers."""
+    """Points on the GPU, in parts that fit into a storage block."""
 
     n_points: int
     shape: WorkGroup
-    parts: list[tuple[slice, int, Buffers]]
+    parts: list[tuple[slice, int, Buffers]]  # points, number of packets, buffers
 
     def release(self) -> None:
-        """Give the GPU's memory back."""
+        """Free the GPU's memory."""
         for _, _, buffers in self.parts:
             buffers.release()
 
@@ -258,37 +258,37 @@ class _FacePart:
 
 
 class ExactPass:
-    """A mesh on the GPU, ready to be asked. `counting` sums up in `work` what is done, which costs some time.
+    """Mesh on the GPU, prepared for queries. With `counting` True, `work` counts operations, at some cost.
 
-    Takes 141 bytes per face and 48 per point of the GPU's memory, and while it answers at most 256 MiB. No buffer
-    exceeds the driver's block: faces and points beyond it are asked about in parts.
+    Takes 141 bytes of the GPU's memory per face and 48 per point, and at most 256 MiB during a query. No buffer exceeds
+    the driver's limit: more faces or points are processed in parts.
     """
 
     def __init__(self, gl: GlContext, mesh: Mesh, contact: float, counting: bool = False) -> None:
         self._gl = gl
         available = int(gl.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
-            raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
-        self._unit = Unit.of(mesh.centre, mesh.diagonal)
-        self._shapes = SOFTWARE if gl.is_software else HARDWARE
-        self.work = Work()
+            raise GlError(f"a compute shader needs {_BINDINGS} storage blocks; {gl.renderer} allows {available}.")
+        self._unit = Unit.from_box(mesh.centre, mesh.diagonal)
+        self._work_groups = SOFTWARE if gl.is_software else HARDWARE
+        self.work = WorkCounts()
         self._contact = contact
         self._counting = counting
         self._limit = block_limit(gl)
         self._groups_per_second = _FIRST_GROUPS / DISPATCH_SECONDS
-        self._places = np.empty(len(mesh.faces), dtype=np.int32)
+        self._ranks = np.empty(len(mesh.faces), dtype=np.int32)
         self._face_parts = []
         for part in parts(len(mesh.faces), self._limit // _FACE_BYTES):
             arrays = arrange_faces(mesh.corners[part], self._unit)
-            self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
+            self._ranks[part][arrays.face_ids] = np.arange(part.start, part.stop)
             buffers = Buffers(gl, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
             self._face_parts.append(_FacePart(part.start, part.stop - part.start, arrays.level_size, buffers))
 
     def upload(self, positions: FloatArray, face_ids: IntArray) -> PointPackets:
-        """Put points (world space) and their own faces (-1: none) on the GPU; the caller releases them."""
-        shape = best_shape(self._shapes, len(positions), len(self._places))
+        """Upload points (world space) and their own faces (-1 for none) to the GPU; the caller releases them."""
+        shape = best_work_group(self._work_groups, len(positions), len(self._ranks))
         largest = min(self._limit // _POINT_BYTES, _MAX_GROUPS * shape.packet) // shape.packet * shape.packet
-        own = np.where(face_ids >= 0, self._places[face_ids], -1)
+        own = np.where(face_ids >= 0, self._ranks[face_ids], -1)
         uploaded = PointPackets(len(positions), shape, [])
         for part in parts(len(positions), largest):
             arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
@@ -297,12 +297,12 @@ class ExactPass:
         return uploaded
 
     def visible(self, points: PointPackets, eyes: FloatArray) -> BoolArray:
-        """Answer which points no face surely hides from each eye (k, 3), world space, and which of these are undecided.
+        """Return which points no face certainly hides from each eye (k, 3), world space, and which are undecided.
 
         Returns
         -------
         (2, k, n) bool
-            Undecided are those that a face may hide, too near its edge or plane for float64 to tell.
+            A point is undecided if a face may hide it, but its edge or plane is too near for float64 to decide.
         """
         program = self._program(points.shape)
         answer = np.empty((2, len(eyes), points.n_points), dtype=np.bool_)
@@ -314,17 +314,17 @@ class ExactPass:
         return answer
 
     def _program(self, shape: WorkGroup) -> Any:
-        """Return the pass for a shape, which the context compiles when it is first needed."""
+        """Return the program for a work group, which the context compiles when it is first needed."""
         program = self._gl.program("exact.comp", **shader_constants(shape, self._counting))
         program["contact"].value = self._contact * self._unit.scale
         program["contact64"].value = self._contact
         return program
 
     def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
-        """Answer for the points bound, into (2, k, n)."""
+        """Answer for the bound points, into (2, k, n)."""
         _, k, n = answer.shape
         words = -(-n // 32)
-        # two rows of bits per eye, and the list of the unfinished: at most all pairs of eye and packet
+        # two rows of bits per eye, and the list of unfinished tasks: at most all pairs of eye and packet
         row, limit = max(8 * words, 8 * n_packets), answer_limit(self._gl) - 4 * _HEAD
         most = max(1, min(limit // row, _MAX_GROUPS, k))
         program["n_packets"].value = n_packets
@@ -350,7 +350,7 @@ class ExactPass:
                 first = last
 
     def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
-        """Let every packet and eye test a part of the faces; what is too much for one work group is cut smaller."""
+        """Test a part of the faces for every packet and eye; tasks too large for one work group are divided."""
         part.buffers.bind(faces=0, corners=1, boxes=2)
         program["first_face"].value = part.first
         program["n_faces"].value = part.n_faces
@@ -362,7 +362,7 @@ class ExactPass:
         largest = n_packets * n_eyes
         tasks = self._run(program, answers, n_packets, n_eyes)
         while len(tasks):
-            tasks = _cut(tasks, part.level_size)
+            tasks = _divided(tasks, part.level_size)
             left = []
             for some in parts(len(tasks), largest):
                 with Buffers(self._gl, tasks=tasks[some]) as task_buffer:
@@ -374,7 +374,7 @@ class ExactPass:
             tasks = np.concatenate(left)
 
     def _run(self, program: Any, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
-        """Dispatch, and return the tasks left unfinished: (tasks, 2), pair of eye and packet, box."""
+        """Dispatch, and return the unfinished tasks: (tasks, 2), pair of eye and packet, box."""
         head = np.empty(_HEAD, dtype=np.uint32)
         answers.clear("unfinished", head.nbytes)
         program.run(columns, rows)
@@ -383,16 +383,16 @@ class ExactPass:
         tasks = np.empty((int(head[0]), 2), dtype=np.uint32)
         if len(tasks):
             answers.read_into("unfinished", tasks, offset=head.nbytes)
-        self.work = Work(*(int(done) for done in np.add(self.work, head[2:7])))
+        self.work = WorkCounts(*(int(done) for done in np.add(self.work, head[2:7])))
         return tasks
 
     def release(self) -> None:
-        """Give the GPU's memory back."""
+        """Free the GPU's memory."""
         for part in self._face_parts:
             part.buffers.release()
 
 
-def _cut(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:
+def _divided(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:
     """Replace each task by the tasks of its box's children."""
     level = (tasks[:, 1] >> np.uint32(28)) + np.uint32(1)
     nodes = (tasks[:, 1] & np.uint32(0x0FFFFFFF))[:, None] * np.uint32(WIDTH) + np.arange(WIDTH, dtype=np.uint32)

@@ -1,4 +1,4 @@
-"""An off-screen OpenGL context of Mesa's software rasteriser through libOSMesa: no display, no driver, no EGL."""
+"""Off-screen OpenGL context of Mesa's software rasteriser through libOSMesa: no display, no driver, no EGL."""
 
 import ctypes
 import ctypes.util
@@ -15,7 +15,7 @@ _VERSIONS = ((4, 5), (4, 3))
 
 
 class OsMesaContext:
-    """What `moderngl.create_context(context=...)` expects, on top of libOSMesa; GlError where that cannot do it.
+    """Native context for `moderngl.create_context(context=...)` on top of libOSMesa; raises GlError on failure.
 
     The default framebuffer is a single pixel, because all rendering goes to framebuffer objects. A context must not
     be current when it is destroyed, or Mesa writes to freed memory.
@@ -34,7 +34,7 @@ class OsMesaContext:
             if self._handle:
                 break
         else:
-            raise GlError("libOSMesa must make an OpenGL 4.3 core context; this one is too old.")
+            raise GlError("libOSMesa is too old for an OpenGL 4.3 core context.")
         try:
             self._make_current()
         except GlError:
@@ -42,7 +42,7 @@ class OsMesaContext:
             raise
 
     def load_opengl_function(self, name: str) -> int:
-        """Return the address of an OpenGL function, 0 when there is none of that name."""
+        """Return the address of an OpenGL function, 0 if there is none of that name."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     load = load_opengl_function
@@ -64,9 +64,9 @@ class OsMesaContext:
 
     def _make_current(self) -> None:
         if not self._handle:
-            raise GlError("an OSMesa context must be open to be used; it was released. Open another.")
+            raise GlError("This OSMesa context is released. Open another.")
         if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _UNSIGNED_BYTE, 1, 1):
-            raise GlError("OSMesaMakeCurrent must succeed; it failed.")
+            raise GlError("OSMesaMakeCurrent failed.")
 
 
 def _load() -> ctypes.CDLL:
@@ -85,4 +85,4 @@ def _load() -> ctypes.CDLL:
         library.OSMesaDestroyContext.restype = None
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         return library
-    raise GlError(f"one of {', '.join(_SONAMES)} must be installed; none could be loaded.")
+    raise GlError(f"None of {', '.join(_SONAMES)} can be loaded.")

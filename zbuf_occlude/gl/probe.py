@@ -1,4 +1,4 @@
-"""Ask whether each GL backend works here, in a process of its own: a broken driver cannot harm the one that asks."""
+"""Probe of the GL backends in child processes, so that a broken driver cannot harm the calling process."""
 
 import json
 import os
@@ -24,26 +24,26 @@ LIMITS = (
 
 @dataclass(frozen=True)
 class Probe:
-    """What a child process found out about one backend.
+    """Result of probing one backend.
 
     Attributes
     ----------
     backend : str
     device_index : int or None
-        Of an EGL device; None for OSMesa, and for EGL when its devices cannot be listed.
+        Index of an EGL device; None for OSMesa, and for EGL if its devices cannot be listed.
     works : bool
-        A context opened, a compute shader ran, and what it wrote was right.
+        True if a context opened, and a compute shader ran and wrote the right numbers.
     renderer, version : str
-        GL_RENDERER and GL_VERSION; "" when it does not work.
+        GL_RENDERER and GL_VERSION; "" if it does not work.
     is_software : bool
     limits : dict of str to int
-        The driver's, by the names in `LIMITS`.
+        Limits of the driver, by the names in `LIMITS`.
     cuda_device : int or None
-        The CUDA ordinal of the same GPU.
+        CUDA ordinal of the same GPU.
     reason : str
-        Why it does not work, or why it is software beside an NVIDIA GPU; "" when all is well.
+        Reason why it does not work, or is software beside an NVIDIA GPU; "" otherwise.
     fix : str
-        The one command or setting that would help; "" when it works well, or when none is known.
+        Command or setting that would help; "" if none is needed or known.
     """
 
     backend: str
@@ -59,9 +59,9 @@ class Probe:
 
 
 def probe_all() -> tuple[Probe, ...]:
-    """Probe every EGL device (one row without an index when they cannot be listed), then OSMesa. Raises nothing.
+    """Probe every EGL device (one row without an index if they cannot be listed), then OSMesa. Raises nothing.
 
-    Where none is hardware though the machine has an NVIDIA GPU, `reason` and `fix` say what hides it.
+    If no working device is hardware although the machine has an NVIDIA GPU, `reason` and `fix` explain it.
     """
     listed = _ask("devices")
     rows = [probe("egl", row["index"], row["cuda_device"]) for row in listed.get("devices", [])]
@@ -74,7 +74,7 @@ def probe_all() -> tuple[Probe, ...]:
 
 
 def hardware_devices() -> list[int]:
-    """Return the EGL devices that are hardware and open, tried in child processes, as CUDA_VISIBLE_DEVICES chooses.
+    """Return the hardware EGL devices that open, in the order of CUDA_VISIBLE_DEVICES, each tried in a child process.
 
     Mesa also lists render nodes that this process may not open.
     """
@@ -89,12 +89,12 @@ def hardware_devices() -> list[int]:
 
 
 def probe(backend: str, device_index: int | None = None, cuda_device: int | None = None) -> Probe:
-    """Probe one backend in a child process; what goes wrong there, a crash included, is the answer's `reason`."""
+    """Probe one backend in a child process; a failure there, even a crash, gives the result's `reason`."""
     answer = _ask(backend, *([] if device_index is None else [str(device_index)]))
     if answer.get("works"):
         return Probe(backend, device_index, cuda_device=cuda_device, **answer)
     fix = egl_fix() if backend == "egl" else FIXES[backend]
-    fix = fix if fix in answer["reason"] else ""  # nothing helps a wrong device index
+    fix = fix if fix in answer["reason"] else ""  # no command helps against a wrong device index
     return Probe(backend, device_index, False, cuda_device=cuda_device, reason=answer["reason"], fix=fix)
 
 
@@ -112,7 +112,7 @@ def _ask(*arguments: str, timeout: float = 120.0) -> dict:  # type: ignore[type-
 
 
 def _answer(arguments: list[str]) -> dict:  # type: ignore[type-arg]  # JSON
-    """Run in the child: what there is to say about one backend, or about the devices."""
+    """Return the child's reply about one backend, or about the devices."""
     try:
         if arguments == ["devices"]:
             return {"devices": [asdict(device) for device in egl_devices()]}
@@ -140,7 +140,7 @@ def _try_compute(gl: GlContext) -> None:
     program.release()
     gl.check()
     if written != list(range(64)):
-        raise GlError(f"a compute shader must write what it was told to; {gl.renderer} wrote {written[:4]}...")
+        raise GlError(f"a compute shader must write 0, 1, 2, ...; {gl.renderer} wrote {written[:4]}...")
 
 
 if __name__ == "__main__":

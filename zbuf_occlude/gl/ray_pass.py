@@ -1,4 +1,4 @@
-"""First hits of rays: the mesh drawn as each origin sees it, the faces in the nearest pixels tested against the ray."""
+"""First hits of rays: the mesh is drawn from each origin, and the faces in the nearest pixels are tested."""
 
 from typing import Any, NamedTuple
 
@@ -10,37 +10,37 @@ from zbuf_occlude.geometry.camera import Frusta, cube_faces
 from zbuf_occlude.geometry.predicates import ray_triangle_t
 from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
+from zbuf_occlude.gl.depth_pass import MAX_TILES, DepthPass
 from zbuf_occlude.gl.shaders import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
-WINDOW = 16
-"""Pixels looked at per ray, 4 x 4."""
+PIXELS_PER_RAY = 16
+"""Pixels whose faces are tested per ray, 4 x 4."""
 
 BLOCK = 1024
-"""Rays that a thread tests at a time."""
+"""Rays per block of a thread."""
 
 _LANES = 64  # invocations of a work group
 
 
 class PicturedRays(NamedTuple):
-    """Rays whose origins have pictures of one kind, fitted to the mesh or sides of a cube."""
+    """Rays whose origins have pictures of one kind: fitted to the mesh, or cube faces."""
 
     tiles_per_eye: int  # 1, or `CUBE`
     pictures: Pictures
-    rays: NDArray[np.int64]  # (r,) which rays, in the order of their pictures
-    tiles: NDArray[np.int64]  # (r,) which of the pictures each passes through
-    pixels: FloatArray  # (r, 2) where, in pixels from the picture's lower left
+    rays: NDArray[np.int64]  # (r,) indices of the rays, ordered by picture
+    tiles: NDArray[np.int64]  # (r,) index of the picture that each ray passes through
+    pixels: FloatArray  # (r, 2) position in pixels from the picture's lower left
 
 
 def picture_rays(
     origins: FloatArray, directions: FloatArray, positions: FloatArray, resolution: int
 ) -> list[PicturedRays]:
-    """Arrange rays by pictures; those that pass through none, and so miss the mesh, are left out. All in unit space."""
-    places, origin_of = np.unique(origins, axis=0, return_inverse=True)
+    """Group rays by picture, all in unit space; rays that pass through no picture, and miss the mesh, are left out."""
+    distinct, origin_of = np.unique(origins, axis=0, return_inverse=True)
     origin_of = origin_of.reshape(-1)
-    fits, fitted = single_pictures(places, positions, resolution)
+    fits, fitted = single_pictures(distinct, positions, resolution)
     groups = []
     outside = np.flatnonzero(fits[origin_of])
     if len(outside):
@@ -49,7 +49,7 @@ def picture_rays(
     if len(inside):
         sides = (np.cumsum(~fits) - 1)[origin_of[inside]] * CUBE + cube_faces(directions[inside]).astype(np.int64)
         used, tiles = np.unique(sides, return_inverse=True)
-        pictures = _some(cube_pictures(places[~fits], positions, resolution), used)
+        pictures = _some(cube_pictures(distinct[~fits], positions, resolution), used)
         groups.append(_pictured(CUBE, pictures, inside, tiles.reshape(-1), directions, resolution))
     return groups
 
@@ -82,21 +82,21 @@ def _pictured(
 
 
 def seen_around(gl: GlContext, depth_pass: DepthPass, pictured: PicturedRays) -> IntArray:
-    """Draw the pictures and return the faces around each ray, (r, `WINDOW`), by their place in the order of drawing."""
+    """Draw the pictures and return the faces around each ray, (r, `PIXELS_PER_RAY`), by rank in drawing order."""
     atlas = depth_pass.atlas
     tiles = arrange_tiles(pictured.pictures, atlas.resolution, atlas.columns, atlas.n_tiles)
     lowest = np.floor(pictured.pixels - 1.5).astype(np.int32) + tiles["corner"][pictured.tiles, :2].astype(np.int32)
-    seen = np.empty((len(pictured.rays), WINDOW), dtype=np.int32)
+    seen = np.empty((len(pictured.rays), PIXELS_PER_RAY), dtype=np.int32)
     program = gl.program("candidates.comp")
     for batch in parts(len(tiles), atlas.n_tiles):
-        padded = np.zeros(MOST_TILES, dtype=TILE)
+        padded = np.zeros(MAX_TILES, dtype=TILE)
         padded[: batch.stop - batch.start] = tiles[batch]
         first, last = np.searchsorted(pictured.tiles, [batch.start, batch.stop])
         with Buffers(gl, tiles=padded) as buffers:
             buffers.bind_uniforms("tiles", 0, offset=0, size=padded.nbytes)
             depth_pass.draw(batch.stop - batch.start)
             atlas.use(depths=0, faces=1)
-            for part in parts(last - first, block_limit(gl) // (4 * WINDOW)) if last > first else ():
+            for part in parts(last - first, block_limit(gl) // (4 * PIXELS_PER_RAY)) if last > first else ():
                 rays = slice(first + part.start, first + part.stop)
                 _gather(gl, program, lowest[rays], seen[rays])
     return seen
@@ -115,8 +115,8 @@ def nearest_of(
 ) -> tuple[IntArray, FloatArray]:
     """Test each ray (world space) against its candidates, (n, c) face ids or -1, in float64.
 
-    Returns the nearest face that it meets, the lowest of those equally near, -1 for none; and how many times its
-    direction away, infinite for none.
+    Returns the nearest face that each ray meets, the lowest among equally near ones, -1 for none; and its distance as a
+    multiple of the direction, infinite for none.
     """
     face_ids = np.full(len(origins), -1, dtype=np.int32)
     fractions = np.full(len(origins), np.inf)
@@ -127,7 +127,7 @@ def nearest_of(
 
 @parallel_kernel
 def _choose(tasks, candidates, corners, origins, directions, face_ids, fractions):
-    """Take some rays after others."""
+    """Find the nearest candidate of blocks of rays."""
     first, last = take_block(tasks, len(origins), BLOCK)
     while first < last:
         for i in range(first, last):

@@ -1,4 +1,4 @@
-"""Shaders are files: GLSL from shaders/, with includes and checked template constants, compiled into programs."""
+"""Shaders: GLSL files of shaders/, with includes and checked template constants, compiled into programs."""
 
 import re
 from functools import cache
@@ -14,19 +14,19 @@ STAGES = {
     ".geom": "geometry_shader",
     ".comp": "compute_shader",
 }
-"""A file's suffix is its stage."""
+"""Stage of a shader file, by suffix."""
 
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([\w./-]+)"[ \t]*$', re.MULTILINE)
 
 
 @cache
 def shader_folder() -> Path:
-    """Return where the GLSL files are: inside an installed wheel, or at the top level of a checkout."""
+    """Return the folder of the GLSL files: inside an installed wheel, or at the top level of a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_shaders", package.parent / "shaders"):
         if folder.is_dir():
             return folder
-    raise GlError(f"the folder shaders must be beside or inside {package}; it is not. Install the package again.")
+    raise GlError(f"The folder shaders is missing beside {package}. Install the package again.")
 
 
 def compile_program(ctx: Any, *names: str, **constants: object) -> Any:
@@ -36,19 +36,19 @@ def compile_program(ctx: Any, *names: str, **constants: object) -> Any:
     ----------
     ctx : moderngl.Context
     *names : str
-        Files of ``shaders/``; the suffix of each is its stage. A ``.comp`` stands alone.
+        Files of ``shaders/``; the suffix of each gives its stage. A ``.comp`` must be the only file.
     **constants : object
         Values of the ``$CONSTANTS``; each must be used by at least one of the files.
 
     Returns
     -------
     moderngl.Program or moderngl.ComputeShader
-        The caller's, who releases it.
+        The caller must release it.
 
     Raises
     ------
     GlError
-        As `shader_texts`, or the driver's compiler refuses the text; the message quotes it.
+        As `shader_texts`, or the driver's compiler rejects the text; the message quotes it.
     """
     sources = {STAGES[Path(name).suffix]: text for name, text in shader_texts(*names, **constants).items()}
     try:
@@ -56,14 +56,14 @@ def compile_program(ctx: Any, *names: str, **constants: object) -> Any:
             return ctx.compute_shader(sources["compute_shader"])
         return ctx.program(**sources)
     except Exception as error:  # moderngl raises bare Exception
-        raise GlError(f"{', '.join(names)} must compile; the driver says: {error}") from None
+        raise GlError(f"{', '.join(names)} cannot be compiled: {error}") from None
 
 
 def shader_texts(*names: str, **constants: object) -> dict[str, str]:
-    """Return the texts of files of ``shaders/`` by name: includes in place, each ``$CONSTANT`` replaced.
+    """Return the texts of files of ``shaders/`` by name, with includes inserted and each ``$CONSTANT`` replaced.
 
-    ``#include "file.glsl"`` inserts a file of ``shaders/include`` once. GlError names a file that does not exist, a
-    constant without a value, or a value that none of the files uses.
+    ``#include "file.glsl"`` inserts a file of ``shaders/include`` once. Raises GlError for a file that does not exist,
+    a constant without a value, or a value that none of the files uses.
     """
     templates = {name: Template(_with_includes(name)) for name in names}
     used = {word for template in templates.values() for word in template.get_identifiers()}
@@ -96,11 +96,11 @@ def _read(file: str, wanted_by: str) -> str:
     try:
         return (shader_folder() / file).read_text(encoding="utf-8")
     except OSError:
-        raise GlError(f"shaders/{file} must exist, {wanted_by} needs it; it does not. Is it misspelt?") from None
+        raise GlError(f"shaders/{file}, which {wanted_by} needs, does not exist. Is it misspelt?") from None
 
 
 def set_uniforms(program: Any, **values: Any) -> None:
-    """Set those of the uniforms that the compiler has not found to be unused; nothing without a program."""
+    """Set uniforms, except those that the compiler removed as unused; do nothing if the program is None."""
     for name, value in values.items():
         if program is not None and name in program:
             program[name].value = value

@@ -1,4 +1,4 @@
-"""The mesh's unit space, the cameras that see it from there, and the tiles of the atlas that hold their pictures."""
+"""Unit space of a mesh, cameras in it, and the tiles of the atlas that hold their pictures."""
 
 from dataclasses import dataclass
 
@@ -16,14 +16,14 @@ from zbuf_occlude.geometry.camera import (
 )
 
 MARGIN = 2.0
-"""Pixels left free all round the mesh: the test looks that far beside a point."""
+"""Border around the mesh in pixels: tests read pixels up to this far from a point."""
 
-NEAREST = 1e-6
-"""The cube faces' near plane, in diagonals. What is nearer to the eye is not drawn."""
+NEAR = 1e-6
+"""Near plane of the cube faces, in diagonals. Nearer faces are not drawn."""
 
 TILE = np.dtype(
     [
-        ("window", "<f4", (4, 4)),
+        ("to_window", "<f4", (4, 4)),
         ("across", "<f4", 3),
         ("gain", "<f4"),
         ("upward", "<f4", 3),
@@ -32,47 +32,47 @@ TILE = np.dtype(
         ("corner", "<f4", 4),
     ]
 )
-"""The struct Tile of shaders/include/tiles.glsl; matrices column by column."""
+"""Record of the struct Tile of shaders/include/tiles.glsl; matrices column by column."""
 
 CUBE = 6
-"""Pictures of an eye within the mesh."""
+"""Number of pictures of an eye within the mesh."""
 
 EYES_PER_BYTE = 8
-"""Eyes whose answers share a byte on the GPU: a group."""
+"""Number of eyes of a group, whose answers share a byte on the GPU."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """The mesh's own space: centred, and scaled by a power of two so that the diagonal is in [1/2, 1).
+    """Unit space of a mesh: centred, and scaled by a power of two so that the diagonal is in [1/2, 1).
 
-    A power of two makes the scaling exact, so masks do not change when everything is scaled by one.
+    Scaling by a power of two is exact, so masks do not change when everything is scaled by one.
     """
 
     centre: FloatArray
     scale: float
 
     @classmethod
-    def of(cls, centre: FloatArray, diagonal: float) -> "Unit":
-        """Return the unit of a mesh by its box."""  # 2^1023 is the largest power there is
+    def from_box(cls, centre: FloatArray, diagonal: float) -> "Unit":
+        """Return the unit space of a mesh from its bounding box."""  # 2^1023 is the largest power of two in float64
         return cls(centre, float(np.ldexp(1.0, min(-int(np.frexp(diagonal)[1]), 1023))) if diagonal > 0.0 else 1.0)
 
     def to(self, positions: FloatArray) -> FloatArray:
-        """World to unit space, (..., 3) float64."""
+        """Return positions in unit space, (..., 3) float64."""
         return (positions - self.centre) * self.scale
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Cameras of c pictures, one or six (`CUBE`) an eye, in the mesh's unit space.
+    """Cameras of c pictures, one or six (`CUBE`) per eye, in the mesh's unit space.
 
     Depth is reversed: 1 at the near plane, 0 at the far plane (at infinity for cube faces). Floating-point numbers are
-    dense near 0, where perspective squeezes all that is far.
+    dense near 0, where perspective compresses large distances.
     """
 
     views: FloatArray  # (c, 4, 4)
     frusta: Frusta
     projections: FloatArray  # (c, 4, 4)
-    gains: FloatArray  # (c,) what the depth gains per unit of inverse eye depth
+    gains: FloatArray  # (c,) gain of depth per unit of inverse eye depth
 
 
 def single_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) -> tuple[BoolArray, Pictures]:
@@ -80,7 +80,7 @@ def single_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) ->
 
     Returns which eyes fit, (k,) bool, and their pictures. Eyes within the mesh, or very near, need cube faces.
     """
-    # an eye at the centre looks anywhere: it does not fit
+    # an eye at the centre may look anywhere, since it does not fit
     targets = np.where((eyes == 0.0).all(axis=1, keepdims=True), [1.0, 0.0, 0.0], 0.0)
     views = view_matrices(eyes, targets)
     fits, frusta = fitted_frusta(views, positions, margin=MARGIN / (resolution - 2.0 * MARGIN))
@@ -97,34 +97,34 @@ def reversed_depth(views: FloatArray, frusta: Frusta) -> Pictures:
 
 
 def cube_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) -> Pictures:
-    """Return six pictures an eye, in the order of `camera.cube_view_matrices`."""
+    """Return six pictures per eye, in the order of `camera.cube_view_matrices`."""
     views = cube_view_matrices(eyes).reshape(-1, 4, 4)
     radius = float(np.linalg.norm(positions, axis=1).max())
     far = np.repeat(np.linalg.norm(eyes, axis=1) + radius, CUBE)
-    frusta = cube_frusta(len(views), NEAREST, 1.0, margin=MARGIN / (resolution - 2.0 * MARGIN))._replace(far=far)
+    frusta = cube_frusta(len(views), NEAR, 1.0, margin=MARGIN / (resolution - 2.0 * MARGIN))._replace(far=far)
     projections = projection_matrices(frusta)
-    projections[:, 2, 2], projections[:, 2, 3] = 0.0, NEAREST
-    return Pictures(views, frusta, projections, np.full(len(views), NEAREST))
+    projections[:, 2, 2], projections[:, 2, 3] = 0.0, NEAR
+    return Pictures(views, frusta, projections, np.full(len(views), NEAR))
 
 
 def arrange_tiles(pictures: Pictures, resolution: int, columns: int, n_tiles: int) -> NDArray[np.void]:
-    """Put pictures into the atlas, the c-th into tile ``c % n_tiles``, row by row; records of `TILE`, (c,)."""
-    place = np.arange(len(pictures.views)) % n_tiles
-    corner = np.stack([place % columns, place // columns], axis=1) * float(resolution)
-    to_pixels = np.zeros((len(place), 4, 4))
+    """Return the records of `TILE`, (c,), of pictures in the atlas: picture c in tile ``c % n_tiles``, row by row."""
+    tile = np.arange(len(pictures.views)) % n_tiles
+    corner = np.stack([tile % columns, tile // columns], axis=1) * float(resolution)
+    to_pixels = np.zeros((len(tile), 4, 4))
     to_pixels[:, 0, 0] = to_pixels[:, 1, 1] = resolution / 2.0
     to_pixels[:, :2, 3] = corner + resolution / 2.0
     to_pixels[:, 2, 2] = to_pixels[:, 3, 3] = 1.0
-    window = to_pixels @ pictures.projections @ pictures.views
-    tiles = np.zeros(len(place), dtype=TILE)
-    tiles["window"] = window.transpose(0, 2, 1)
+    to_window = to_pixels @ pictures.projections @ pictures.views
+    tiles = np.zeros(len(tile), dtype=TILE)
+    tiles["to_window"] = to_window.transpose(0, 2, 1)
     # the plane of normal n through p has inverse eye depth n . ray / n . (p - eye) along a ray of eye depth 1
     rotations = pictures.views[:, :3, :3]
     frusta, gains = pictures.frusta, pictures.gains
     tiles["across"] = -(gains * (frusta.right - frusta.left) / resolution)[:, None] * rotations[:, 0]
     tiles["upward"] = -(gains * (frusta.top - frusta.bottom) / resolution)[:, None] * rotations[:, 1]
     tiles["gain"], tiles["range"] = gains, frusta.far - frusta.near
-    # the eye is where eye space has its origin
+    # the eye is the origin of eye space
     tiles["eye"][:, :3] = -np.einsum("cij,ci->cj", rotations, pictures.views[:, :3, 3])
     tiles["corner"][:, :2], tiles["corner"][:, 2] = corner, resolution
     return tiles

@@ -1,1 +1,1 @@
-"""What numba lacks: compiled functions kept by the state of the sources, vectors of numbers, threads, pointers."""
+"""Additions to numba: a cache of compiled functions keyed by the sources, SIMD vectors, threads, pointers."""

@@ -1,6 +1,6 @@
-"""numba's decorators, and the folder that compiled code is kept in: one for each state of the sources.
+"""Decorators of compiled functions, and the folder of compiled code: one for each state of the sources.
 
-numba takes 0.3 s to import: functions are declared without it and compiled, or loaded, when they are first called.
+numba takes 0.3 s to import. Functions are therefore declared without it, and compiled or loaded at their first call.
 """
 
 import hashlib
@@ -19,14 +19,14 @@ from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
 CACHE_KEY_FOLDERS = ("", "exact", "geometry", "gl", "jit", "meshes", "object_space", "visibility")
-"""Folders of the package from which compiled functions take functions and constants of other files."""
+"""Folders of the package whose functions and constants compiled functions of other files use."""
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.Lock()
 
 
 class Kernel:
-    """A function that numba compiles when it is first called, or named in another that is."""
+    """Function that numba compiles when it, or a compiled function that names it, is first called."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
@@ -34,9 +34,9 @@ class Kernel:
         self._dispatcher: Any = None
 
     def _declared(self) -> Any:
-        """Return numba's own function."""
+        """Return numba's dispatcher."""
         if self._dispatcher is None:
-            import numba  # late: see above
+            import numba  # late: it takes 0.3 s
 
             _listen()
             _define_externals()
@@ -51,17 +51,17 @@ class Kernel:
         return self._declared()(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the compiled function, which is what numba sees in functions that call this one."""
+        """Return an attribute of numba's dispatcher, which numba uses where compiled functions call this one."""
         if name.startswith("__"):
             raise AttributeError(name)
         return getattr(self._declared(), name)
 
 
 class External:
-    """A function of numbers that compiled functions call by its symbol, so that it is compiled once.
+    """Function of numbers that compiled functions call by its symbol, so that it is compiled once.
 
-    numba optimises any other function anew within each of its callers, at every level of them. For one that is large
-    and seldom called, that takes most of the time of compiling.
+    numba optimises any other function again within each of its callers, at every level of them. For a large function
+    that is seldom called, that takes most of the time of compiling.
     """
 
     def __init__(self, function: Callable[..., Any], signature: str) -> None:
@@ -71,8 +71,8 @@ class External:
 
     @cached_property
     def _numba_type_(self) -> Any:
-        """The function as numba types it, compiled or read from the cache; its symbol has its address."""
-        import numba  # late: see above
+        """Type of the function, once it is compiled or read from the cache and its symbol has its address."""
+        import numba  # late: it takes 0.3 s
         from llvmlite import binding
 
         folder = cache_folder()
@@ -97,7 +97,7 @@ def _define_externals() -> None:
     global _is_defining
     if not _undefined:
         return
-    from numba.core.compiler_lock import global_compiler_lock  # late: see above
+    from numba.core.compiler_lock import global_compiler_lock  # late: it takes 0.3 s
 
     with global_compiler_lock:  # other threads wait here until the symbols are there
         if _is_defining:  # this thread compiles one, which asks for those that it calls
@@ -105,7 +105,7 @@ def _define_externals() -> None:
         _is_defining = True
         try:
             while _undefined:
-                each = _undefined[0]  # one calls those before it alone
+                each = _undefined[0]  # a function calls only those declared before it
                 _ = each._numba_type_
                 _undefined.remove(each)
         finally:
@@ -114,8 +114,8 @@ def _define_externals() -> None:
 
 @contextmanager
 def _caching_in(folder: Path | None) -> Iterator[None]:
-    """Let numba keep what is declared within the block in a folder; functions of others keep theirs."""
-    import numba  # late: see above
+    """Have numba read and keep what is declared within the block in a folder; other packages keep theirs."""
+    import numba  # late: it takes 0.3 s
 
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
@@ -125,30 +125,30 @@ def _caching_in(folder: Path | None) -> Iterator[None]:
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
-    """Return `numba.njit` with these options, applied when the function is needed.
+    """Return a decorator that applies `numba.njit` with these options when the function is first needed.
 
-    By default references to arrays are not counted (``_nrt=False``): each row that a loop looks at, ``vertices[i]``,
-    would be counted there and back, 3 % of a dataset's time. A function that allocates needs ``_nrt=True``.
+    By default references to arrays are not counted (``_nrt=False``): counting them for each row ``vertices[i]`` of a
+    loop takes 3 % of a dataset's time. A function that allocates needs ``_nrt=True``.
     """
     return lambda function: Kernel(function, {"_nrt": False, **options})
 
 
 device_function = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Decorator of a function that only compiled functions call. Without its wrappers compiling takes 10 % less."""
+"""Decorator of a function that only compiled functions call. Without wrappers, compiling takes 10 % less time."""
 always_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""The same, for what LLVM copies into its callers."""
+"""Decorator of a device function that LLVM copies into its callers."""
 inline_ir = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""The same, for what has one caller, which takes it in before types are inferred: inner functions are optimised anew
-with each outer one. The caller's options become its own, so the caller must not count references either."""
+"""Decorator of a device function with one caller, into which numba copies it before type inference, so that nested
+functions are optimised once. The caller's options apply to it, so the caller must not count references either."""
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of the code that was compiled of these sources, for this processor.
+    """Return the folder of code compiled from these sources for this processor; None if no folder can be written.
 
-    A subfolder of NUMBA_CACHE_DIR where that is set; else of the package's own ``__pycache__``, of ``~/.cache``, or of
-    a private temporary folder, whichever can be written. A new folder takes the place of those of other sources. None
-    where nothing can be written: each process then compiles for itself.
+    It is a subfolder of NUMBA_CACHE_DIR if that is set. Otherwise it is in the package's ``__pycache__``, in
+    ``~/.cache``, or in a private temporary folder: the first that can be written. A new folder replaces those of other
+    sources. Without a folder each process compiles for itself.
     """
     of_place, of_sources = _names()
     for base in _bases():
@@ -157,7 +157,7 @@ def cache_folder() -> Path | None:
             is_new = not folder.exists()
             folder.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
-            if is_new:  # said, and others removed, only where this is the folder: not of each that may not be written
+            if is_new:  # only once the folder is known to be writable
                 for other in set(base.glob(f"{of_place}-*")) - {folder}:
                     shutil.rmtree(other, ignore_errors=True)
                 _say_once(kept=True)
@@ -166,7 +166,7 @@ def cache_folder() -> Path | None:
 
 
 def announce() -> None:
-    """Say, once in a process, that compiling takes a while."""
+    """Log, once per process, that compiling takes a while."""
     _say_once(kept=cache_folder() is not None)
 
 
@@ -176,7 +176,7 @@ def _say_once(*, kept: bool) -> None:
         _LOG.warning("compiling, once: a minute or so of processor time; the next run begins at once")
     else:
         _LOG.warning(
-            "compiling, in each run: a minute or so of processor time, as no folder for what is compiled can be "
+            "compiling, in each run: a minute or so of processor time, because no folder for compiled code can be "
             "written. Let NUMBA_CACHE_DIR name one."
         )
 
@@ -185,21 +185,21 @@ _listeners: set[Callable[[], None]] = set()
 
 
 def on_compiled(listener: Callable[[], None]) -> None:
-    """Call a function after each function that is compiled in this process; none is where all are in the cache."""
+    """Register a listener that is called after each compilation in this process; loading from the cache is none."""
     _listeners.add(listener)
 
 
 @cache
 def _listen() -> None:
-    """Have numba tell `_listeners` what it compiles."""
-    from numba.core import event  # late: see above
+    """Make numba call `_listeners` after each compilation."""
+    from numba.core import event  # late: numba takes 0.3 s to import
 
     class Compiled(event.Listener):  # type: ignore[misc]  # numba has no types
         def on_start(self, event: Any) -> None:
-            """Do nothing: what begins is not done."""
+            """Do nothing when a compilation starts."""
 
         def on_end(self, event: Any) -> None:
-            """Tell of one more."""
+            """Call the listeners when a compilation ends."""
             for listener in _listeners:
                 listener()
 
@@ -207,20 +207,20 @@ def _listen() -> None:
 
 
 def compiled_before(job: str) -> bool:
-    """Return whether all that a job calls is compiled, as `note_compiled` noted; makes no folder.
+    """Return whether `note_compiled` has recorded that all functions of a job are compiled; makes no folder.
 
-    Only the folder that `cache_folder` takes counts: code elsewhere, where nothing can be written, is not used.
+    Only the folder that `cache_folder` would return counts: compiled code in a read-only folder is not used.
     """
     name = "-".join(_names())
     for base in _bases():
-        there = next(place for place in (base / name, base, *base.parents) if os.path.exists(place))
+        there = next(folder for folder in (base / name, base, *base.parents) if os.path.exists(folder))
         if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
             return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
     return False
 
 
 def note_compiled(job: str) -> None:
-    """Note that all that a job calls is compiled."""
+    """Record that all functions of a job are compiled."""
     if folder := cache_folder():
         with suppress(OSError):
             (folder / f"{job}.compiled").touch()
@@ -228,18 +228,18 @@ def note_compiled(job: str) -> None:
 
 @cache
 def _names() -> tuple[str, str]:
-    """Return the parts of the folder's name: for this package, Python and processor; for these sources."""
-    place = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
-    return f"zbuf_occlude-{place}", _digest(*_sources())
+    """Return the parts of the folder's name: a digest of package, Python and processor, and one of the sources."""
+    installation = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    return f"zbuf_occlude-{installation}", _digest(*_sources())
 
 
 def _bases() -> Iterator[Path]:
-    """Yield the folders in which the cache may lie."""
+    """Yield the folders that may hold the cache, in order of preference."""
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(given)
     yield PACKAGE / "__pycache__"
     for home in (os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")):
-        if os.path.isabs(home):  # else it would be made wherever a person is: "~" stays for a user without a home
+        if os.path.isabs(home):  # "~" is not expanded for a user without a home
             yield Path(home, "zbuf_occlude")
             break
     if hasattr(os, "getuid"):
@@ -247,15 +247,15 @@ def _bases() -> Iterator[Path]:
         with suppress(OSError):
             private.mkdir(mode=0o700, exist_ok=True)
             status = private.lstat()
-            if status.st_uid == os.getuid() and status.st_mode & 0o077 == 0:  # nobody else put code there
+            if status.st_uid == os.getuid() and status.st_mode & 0o077 == 0:  # no other user can have put code there
                 yield private
 
 
 def _sources() -> Iterator[bytes]:
-    """Yield what compiled code depends on: the sources of `CACHE_KEY_FOLDERS`, and when numba was installed."""
+    """Yield the inputs of compiled code: the sources of `CACHE_KEY_FOLDERS`, and numba's time of installation."""
     numba = importlib.util.find_spec("numba")
     if numba is not None and numba.origin:
-        # its real place: an environment may be reached by a link, too
+        # the real path: an environment may be reached through a link
         yield f"{os.path.realpath(numba.origin)} {os.stat(numba.origin).st_mtime_ns}".encode()
     for room in CACHE_KEY_FOLDERS:
         for source in sorted((PACKAGE / room).glob("*.py")):
@@ -264,11 +264,11 @@ def _sources() -> Iterator[bytes]:
 
 
 def _processor() -> str:
-    """Return what Linux says of the processor that is the same for all of its kind."""
-    told = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
+    """Return the model of the processor, as Linux describes it, without what differs between its cores."""
+    keys = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
     with suppress(OSError), open("/proc/cpuinfo") as file:
-        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(told))
-    import platform  # late: nothing else needs it
+        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(keys))
+    import platform  # late: only other systems need it
 
     return platform.processor()
 
@@ -282,10 +282,10 @@ def _digest(*parts: str | bytes | None) -> str:
 
 @contextmanager
 def without_scipy() -> Iterator[None]:
-    """Hide scipy from numba and trimesh within the block, in a process that is all ours.
+    """Hide scipy from numba and trimesh within the block, in a process of this package's own.
 
-    Before its first function numba imports scipy, for 0.15 s, to see whether there is BLAS to call; none here calls it.
-    trimesh, imported within, stays without it for good: only where nothing of trimesh's that needs it is called.
+    Before its first function numba imports scipy, for 0.15 s, to find BLAS, which no function here uses. A trimesh
+    that is imported within the block stays without scipy: call nothing of it that needs scipy.
     """
     hidden = "scipy" not in sys.modules
     if hidden:

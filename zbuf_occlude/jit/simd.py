@@ -1,12 +1,12 @@
-"""Vectors of 16 float32 lanes for numba kernels, wide ones of 32, and masks of as many bits.
+"""SIMD vectors of 16 float32 lanes for numba kernels, wide vectors of 32 lanes, and their masks.
 
-LLVM lowers them to whatever the machine has: 16 lanes to one AVX-512 register, two of AVX, four of SSE. Kernels touch
-LLVM only in this room; `tests/jit/test_simd.py` compares every operation with its plain twin in NumPy.
+LLVM lowers 16 lanes to one AVX-512 register, two AVX registers or four SSE registers. Kernels use LLVM only through
+this package; `tests/jit/test_simd.py` compares every operation with its NumPy equivalent.
 
-A vector lives inside a kernel only: it is loaded from a C-contiguous float32 array at a flat index, computed with
-(``+ - *``, the functions below), and stored, or reduced to a number or to a mask. What takes vectors takes them of 16
-or of 32, with float32 numbers among them, which stand in all lanes. A mask is an int64 whose bit i stands for lane i.
-Nothing here is contracted or reassociated beyond `muladd`, which may round once or twice.
+A vector exists only inside a kernel. It is loaded from a C-contiguous float32 array at a flat index, computed with
+(``+ - *`` and the functions below), and stored, or reduced to a number or a mask. Operations take vectors of 16 or of
+32 lanes; a float32 among their operands is broadcast. A mask is an int64 whose bit i stands for lane i. Nothing here is
+contracted or reassociated except `muladd`, which may round once or twice.
 """
 
 import operator
@@ -25,13 +25,13 @@ from zbuf_occlude.jit.compiler import always_inline
 
 N_LANES = 16
 ALL = (1 << N_LANES) - 1
-"""The mask of all lanes."""
+"""Mask of all lanes."""
 N_WIDE = 2 * N_LANES
-"""Lanes of a wide vector: code is compiled once for all of them, where a loop over two vectors would be for each."""
+"""Lanes of a wide vector. Its code is compiled once, where a loop over two vectors would be unrolled."""
 
 
 class VectorType(types.Type):  # type: ignore[misc]  # numba ships no types
-    """Numba's type of a vector of n float32."""
+    """Numba type of a vector of n float32."""
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -50,14 +50,14 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]  # numba ships 
 
 
 def _vector_of(*kinds: Any) -> Any:
-    """The type of the vectors among arguments; None where there is none, or what no vector can be computed with."""
+    """Return the type of the vectors among the arguments; None without vectors, or with operands of other types."""
     vectors = {kind for kind in kinds if isinstance(kind, VectorType)}
     others = {kind for kind in kinds if kind not in vectors} - {types.float32}
     return vectors.pop() if len(vectors) == 1 and not others else None
 
 
 def _vectors(builder: Any, vector: Any, kinds: Any, values: Any) -> list[Any]:
-    """Values of such kinds, as vectors of one."""
+    """Return the values as vectors of one type; float32 numbers are broadcast."""
     pairs = zip(kinds, values, strict=True)
     return [_repeat(builder, value, vector.floats) if kind == types.float32 else value for kind, value in pairs]
 
@@ -72,8 +72,8 @@ def _to_bools(builder: Any, mask: Any, n: int) -> Any:
 
 def _repeat(builder: Any, value: Any, kind: Any) -> Any:
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
-    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), places)
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), indices)
 
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
@@ -87,7 +87,7 @@ def _must_be_contiguous(array: Any) -> None:
 
 
 def _operation(emit: Callable[..., Any], result: Any, *kinds: Any) -> Any:
-    """The signature and code of what is computed from vectors, and numbers among them, by what `emit` emits."""
+    """Return signature and code generator of an operation on vectors and numbers whose code `emit` emits."""
     vector = _vector_of(*kinds)
     if vector is None:
         return None
@@ -99,7 +99,7 @@ def _operation(emit: Callable[..., Any], result: Any, *kinds: Any) -> Any:
 
 
 def _unary(emit: Callable[[Any, Any], Any], result: Any = None) -> Any:
-    """Make a function of a vector from what it emits."""
+    """Make a function of one vector whose code `emit` emits."""
 
     @intrinsic
     def operation(typing_context, a):
@@ -109,7 +109,7 @@ def _unary(emit: Callable[[Any, Any], Any], result: Any = None) -> Any:
 
 
 def _binary(emit: Callable[[Any, Any, Any], Any], result: Any = None) -> Any:
-    """Make a function of two vectors from what it emits."""
+    """Make a function of two vectors whose code `emit` emits."""
 
     @intrinsic
     def operation(typing_context, a, b):
@@ -119,7 +119,7 @@ def _binary(emit: Callable[[Any, Any, Any], Any], result: Any = None) -> Any:
 
 
 def _call(name: str) -> Callable[..., Any]:
-    """What emits a call of one of LLVM's functions of vectors."""
+    """Return an emitter of calls to one of LLVM's vector intrinsics."""
 
     def emit(builder: Any, *args: Any) -> Any:
         kind = args[0].type
@@ -152,7 +152,7 @@ not_less = _binary(lambda builder, a, b: _to_word(builder, builder.fcmp_unordere
 absolute = _unary(_call("fabs"))
 """|a|"""
 square_root = _unary(_call("sqrt"))
-"""The square root, NaN of negative numbers."""
+"""Square root; NaN for negative numbers."""
 
 
 class _Arithmetic(AbstractTemplate):  # type: ignore[misc]  # numba ships no types
@@ -162,7 +162,7 @@ class _Arithmetic(AbstractTemplate):  # type: ignore[misc]  # numba ships no typ
 
 
 def _operator(function: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
-    """Give an operator to vectors. As an `overload` it would be a function to compile for each pair of types."""
+    """Define an operator on vectors. An `overload` would be compiled for each pair of types."""
     infer_global(function)(_Arithmetic)
 
     def lower(context, builder, signature, args):
@@ -179,13 +179,13 @@ _operator(operator.mul, lambda builder, a, b: builder.fmul(a, b))
 
 @intrinsic
 def muladd(typing_context, a, b, c):
-    """a * b + c, fused where the machine can."""
+    """Compute a * b + c, fused if the machine can."""
     return _operation(_call("fmuladd"), None, a, b, c)
 
 
 @intrinsic
 def fma(typing_context, a, b, c):
-    """a * b + c of three float64, rounded once on every machine."""
+    """Compute a * b + c of three float64, rounded once on every machine."""
 
     def codegen(context, builder, signature, args):
         return builder.fma(*args)
@@ -195,7 +195,7 @@ def fma(typing_context, a, b, c):
 
 @intrinsic
 def splat(typing_context, value):
-    """One number in all 16 lanes."""
+    """Broadcast a number to 16 lanes."""
 
     def codegen(context, builder, signature, args):
         return _repeat(builder, args[0], VECTOR.floats)
@@ -205,7 +205,7 @@ def splat(typing_context, value):
 
 @intrinsic
 def tag_lanes(typing_context, vector):
-    """The vector with each lane's number in the lane's last four bits: no two lanes are equal."""
+    """Write each lane's index to its last four bits, so that no two lanes are equal."""
 
     def codegen(context, builder, signature, args):
         kind = ir.VectorType(ir.IntType(32), N_LANES)
@@ -229,9 +229,9 @@ def _load(result: Any, kind: Any) -> Any:
 
 
 load_scalar = _load(types.float32, ir.FloatType())
-"""The float32 of an array at a flat index."""
+"""Load the float32 of an array at a flat index."""
 load, load_wide = _load(VECTOR, VECTOR.floats), _load(WIDE, WIDE.floats)
-"""The 16, or 32, float32 of an array that begin at a flat index."""
+"""Load the 16, or 32, float32 of an array that start at a flat index."""
 
 
 def _must_be_flat(array: Any) -> None:
@@ -241,7 +241,7 @@ def _must_be_flat(array: Any) -> None:
 
 @intrinsic
 def load_unchecked(typing_context, array, index):
-    """The number of a C-contiguous array at a flat index, which must not be negative: it is not looked at."""
+    """Load the number of a C-contiguous array at a flat index, which is not checked and must not be negative."""
     _must_be_flat(array)
 
     def codegen(context, builder, signature, args):
@@ -252,7 +252,7 @@ def load_unchecked(typing_context, array, index):
 
 @intrinsic
 def store_unchecked(typing_context, array, index, value):
-    """Write a number to an array likewise."""
+    """Store a number in a C-contiguous array at a flat index, which is not checked and must not be negative."""
     _must_be_flat(array)
 
     def codegen(context, builder, signature, args):
@@ -265,7 +265,7 @@ def store_unchecked(typing_context, array, index, value):
 
 @intrinsic
 def store(typing_context, array, index, vector):
-    """Write a vector to an array from a flat index on."""
+    """Store a vector in an array at a flat index."""
     _must_be_contiguous(array)
     if _vector_of(vector) is None:
         return None
@@ -279,7 +279,7 @@ def store(typing_context, array, index, vector):
 
 @intrinsic
 def equal_wide(typing_context, array, index, value):
-    """Mask of the 32 int32 of an array from a flat index on that equal a value."""
+    """Return the mask of the 32 int32 of an array, from a flat index on, that equal a value."""
 
     def codegen(context, builder, signature, args):
         kind = ir.VectorType(ir.IntType(32), N_WIDE)
@@ -290,8 +290,8 @@ def equal_wide(typing_context, array, index, value):
 
 
 @intrinsic
-def fill(typing_context, array, index, mask, value):
-    """Write a value to the lanes of a mask of the 16 int32 of an array from a flat index on."""
+def store_masked(typing_context, array, index, mask, value):
+    """Store a value in the masked lanes of the 16 int32 of an array from a flat index on."""
 
     def codegen(context, builder, signature, args):
         kind = ir.VectorType(ir.IntType(32), N_LANES)
@@ -305,8 +305,8 @@ def fill(typing_context, array, index, mask, value):
 
 
 @intrinsic
-def select(typing_context, mask, a, b):
-    """a in the lanes of a mask, b in the others."""
+def blend(typing_context, mask, a, b):
+    """Return a in the lanes of a mask, b in the others."""
     vector = _vector_of(a, b)
     if vector is None:
         return None
@@ -319,7 +319,7 @@ def select(typing_context, mask, a, b):
 
 
 def _folded(emit: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """What folds a vector in halves, 16 to 8 to 4 to 2 to 1, by what `emit` emits."""
+    """Return an emitter that reduces a vector by halves, 16 to 8 to 4 to 2 to 1, with the operation `emit` emits."""
 
     def fold(builder: Any, vector: Any) -> Any:
         n = vector.type.count
@@ -340,9 +340,9 @@ def _folded(emit: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 
 lowest = _unary(_folded(_smaller), types.float32)
-"""The smallest lane."""
+"""Smallest lane."""
 highest = _unary(_folded(_larger), types.float32)
-"""The largest lane."""
+"""Largest lane."""
 
 
 def _of_mask(emit: Callable[[Any, Any], Any]) -> Any:
@@ -357,35 +357,35 @@ def _of_mask(emit: Callable[[Any, Any], Any]) -> Any:
 
 
 first_lane = _of_mask(lambda builder, mask: builder.cttz(mask, ir.Constant(ir.IntType(1), 1)))
-"""The lowest lane of a mask that is not empty."""
+"""Lowest lane of a mask that is not empty."""
 count_lanes = _of_mask(lambda builder, mask: builder.ctpop(mask))
-"""The number of lanes in a mask."""
+"""Number of lanes in a mask."""
 
 
-# Three vectors at a time: tuples of 3, one for each axis.
+# Three vectors at a time: tuples of 3, one per axis.
 
 
 @always_inline
 def load3(array, index, stride):
-    """Load three vectors, each `stride` numbers after the one before."""
+    """Load three vectors, `stride` numbers apart."""
     return load(array, index), load(array, index + stride), load(array, index + 2 * stride)
 
 
 @always_inline
 def load3_wide(array, index, stride):
-    """Load three wide vectors likewise."""
+    """Load three wide vectors, `stride` numbers apart."""
     return load_wide(array, index), load_wide(array, index + stride), load_wide(array, index + 2 * stride)
 
 
 @always_inline
 def load_scalar3(array, index, stride):
-    """Three numbers likewise."""
+    """Load three numbers, `stride` numbers apart."""
     return load_scalar(array, index), load_scalar(array, index + stride), load_scalar(array, index + 2 * stride)
 
 
 @always_inline
 def store3(array, index, stride, vectors):
-    """Write three vectors likewise."""
+    """Store three vectors, `stride` numbers apart."""
     store(array, index, vectors[0])
     store(array, index + stride, vectors[1])
     store(array, index + 2 * stride, vectors[2])
@@ -393,19 +393,19 @@ def store3(array, index, stride, vectors):
 
 @always_inline
 def splat3(values):
-    """Each of three numbers in all lanes."""
+    """Broadcast each of three numbers to all lanes."""
     return splat(values[0]), splat(values[1]), splat(values[2])
 
 
 @always_inline
 def dot3(a, b, c):
-    """a . b + c"""
+    """Compute a . b + c."""
     return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
 
 
 @always_inline
 def transform(matrix, x, y, z):
-    """Rows 0 to 2 of a 3 x 4 matrix, (12,) float32, times (x, y, z, 1)."""
+    """Multiply a 3 x 4 matrix, (12,) float32, by (x, y, z, 1)."""
     return (
         muladd(x, matrix[0], muladd(y, matrix[1], muladd(z, matrix[2], matrix[3]))),
         muladd(x, matrix[4], muladd(y, matrix[5], muladd(z, matrix[6], matrix[7]))),

@@ -1,4 +1,4 @@
-"""Kernels with threads: tasks that several threads take in turn."""
+"""Multithreaded kernels: threads take tasks from a shared counter."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -15,18 +15,19 @@ from numba.extending import intrinsic
 from zbuf_occlude.jit.compiler import njit
 
 parallel_kernel = njit(nogil=True, cache=True)
-"""Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
+"""Decorator of a kernel that several threads run: ``kernel(tasks, ...)`` calls `next_task` or `take_block` until no
 task is left. It allocates nothing, and references to its arrays are not counted."""
-shared_with_memory = njit(nogil=True, cache=True, _nrt=True)
-"""The same for a kernel that allocates what its thread works with."""
+allocating_kernel = njit(nogil=True, cache=True, _nrt=True)
+"""Decorator of a parallel kernel that allocates its thread's working memory."""
 
 N_COUNTERS = 4
-"""Of `tasks`: what is taken, threads that take from an end, what is taken from the front, and from the back."""
+"""Number of counters in `tasks`: tasks taken, threads assigned to an end, blocks taken from the front, and from the
+back."""
 
 
 @intrinsic
 def next_task(typing_context, tasks):
-    """Return the number of the next task: 0, 1, 2, ... over all threads that take from these `tasks`."""
+    """Return the index of the next task: 0, 1, 2, ... over all threads that share `tasks`."""
 
     def codegen(context, builder, signature, arguments):
         counter = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -37,22 +38,22 @@ def next_task(typing_context, tasks):
 
 @njit()
 def take_block(tasks, n, size):
-    """Return where the next `size` of n things begin and end; the two are equal when none is left."""
+    """Return start and end of the next block of `size` of n items; they are equal when none is left."""
     first = min(next_task(tasks) * size, n)
     return first, min(first + size, n)
 
 
 @njit()
 def take_end(tasks):
-    """Return which end this thread takes blocks from, for `take_block_from`: 0, the front, or 1, the back, in turns."""
+    """Return the end from which this thread takes blocks with `take_block_from`: 0, the front, or 1, the back."""
     return next_task(tasks[1:]) & 1
 
 
 @njit()
 def take_block_from(tasks, end, n, size):
-    """Take a block as `take_block` does, from the front or the back of the rest.
+    """Return a block as `take_block` does, from the front or the back of the remaining items.
 
-    For neighbours that have much in common: two threads share but one pair of them.
+    Neighbouring blocks then mostly go to the same thread, which pays if they have much in common.
     """
     if next_task(tasks) * size >= n:
         return n, n
@@ -63,7 +64,7 @@ def take_block_from(tasks, end, n, size):
 
 
 def n_blocks(n: int, size: int) -> int:
-    """Return how many blocks of `size` n things are, for `parallel_for`."""
+    """Return the number of blocks of `size` that hold n items."""
     return -(-n // size)
 
 
@@ -71,14 +72,14 @@ _most = 0
 
 
 def use_threads(n: int) -> None:
-    """Let calls in this process use at most n threads, one at least; children that are forked from it inherit that."""
+    """Limit calls in this process to n threads, at least one; forked children inherit the limit."""
     global _most
     _most = max(1, n)
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Start no thread within the block, so that the process may be forked after it."""
+    """Start no thread within the block, so that the process may be forked afterwards."""
     global _most
     before, _most = _most, 1
     try:
@@ -88,10 +89,10 @@ def single_threaded() -> Iterator[None]:
 
 
 def n_threads() -> int:
-    """Return how many threads a call may use: as `use_threads` said, at most NUMBA_NUM_THREADS, or one for each core.
+    """Return the number of threads a call may use: the limit of `use_threads`, at most NUMBA_NUM_THREADS.
 
-    What `numba.set_num_threads` said does not count: numba, when asked, starts threads of its own, and where they are
-    OpenMP's sets the number of torch's.
+    NUMBA_NUM_THREADS is the number of cores by default. `numba.set_num_threads` has no effect here: asking numba for
+    its value starts numba's own threads and, with OpenMP, changes torch's number of threads.
     """
     most: int = numba.config.NUMBA_NUM_THREADS
     return min(_most, most) if _most else most
@@ -100,22 +101,22 @@ def n_threads() -> int:
 def parallel_for(
     kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Callable[[], Any] | None = None
 ) -> None:
-    """Run a `parallel_kernel` on this thread, and on others as far as they are free.
+    """Run a `parallel_kernel` on this thread, and on free helper threads.
 
     Parameters
     ----------
-    kernel, arguments : callable, and what it is called with
-        The kernel takes tasks first; it may be called with no task left.
+    kernel, arguments : callable and its arguments
+        The kernel's first argument is `tasks`; it may be called with no task left.
     n_tasks : int
-        How many it has; as many threads are of use, up to `n_threads`.
+        Number of tasks, an upper bound on the number of threads, as is `n_threads`.
     own : callable, optional
-        Makes what each thread works with alone, the kernel's last argument.
+        Function that makes each thread's working memory, the kernel's last argument.
 
     Notes
     -----
-    Others sleep until they are called, and one that has not begun when the work is done is not waited for: on a busy
-    machine this thread does it all. Several threads may ask at the same time, and a forked process gets helpers of its
-    own.
+    Helpers sleep between calls. A helper that has not started when the work ends is not waited for, so on a busy
+    machine this thread does all the work. Several threads may call this at the same time, and a forked process gets its
+    own helpers.
     """
     tasks = np.zeros(N_COUNTERS, dtype=np.int64)
     n_helpers = min(n_threads(), n_tasks) - 1
@@ -134,7 +135,7 @@ _pool: ThreadPoolExecutor | None = None
 
 
 def _helpers() -> ThreadPoolExecutor:
-    """The threads of this process that help."""
+    """Return the pool of this process's helper threads."""
     global _pool
     if _pool is None:
         _pool = ThreadPoolExecutor(max(1, numba.config.NUMBA_NUM_THREADS - 1), "zbuf_occlude")
@@ -142,7 +143,7 @@ def _helpers() -> ThreadPoolExecutor:
 
 
 def _forget_helpers() -> None:
-    """Forget, in a forked process, the threads that have stayed behind."""
+    """Forget the parent's threads in a forked process, which does not have them."""
     global _pool
     _pool = None
 

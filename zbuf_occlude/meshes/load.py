@@ -11,7 +11,7 @@ import numpy as np
 from zbuf_occlude.arrays import LARGEST, FloatArray, as_flag
 from zbuf_occlude.errors import ArgumentError, MeshError, describe, escape_control, shown
 from zbuf_occlude.geometry.colors import SurfaceColors
-from zbuf_occlude.geometry.mesh import Mesh, check_frame, stood
+from zbuf_occlude.geometry.mesh import Mesh, check_frame, convert_frame
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.looks import PolygonColors
 from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
@@ -201,7 +201,7 @@ def _finished(
         "too_few_corners": int((polygons.counts < 3).sum()),
         "unusable_vertices": n_vertices - len(polygons.vertices),
     }
-    vertices = stood(polygons.vertices, *frame)
+    vertices = convert_frame(polygons.vertices, *frame)
     ids = polygon_ids.astype(np.int32)
     found = None
     if colors:

@@ -1,4 +1,4 @@
-"""The paper's hidden-surface removal in object space: one algorithm a file, by the paper's own formulas.
+"""Hidden-surface removal in object space by the paper's own formulas, one algorithm per file.
 
-Nothing here imports `zbuf_occlude.geometry.predicates`: the two formulations check each other.
+These modules do not import `zbuf_occlude.geometry.predicates`: the two formulations check each other.
 """

@@ -1,4 +1,4 @@
-"""Distances from the eye to the faces, by which far faces are excluded (paper 3.6, first and second suggestion)."""
+"""Distances from the eye to the faces, for the exclusion of far faces (paper 3.6, first and second suggestion)."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ class PlaneDistances:
     Notes
     -----
     No point of a face is nearer than its plane, so a face that could hide a point is never excluded: the answers are
-    those of the search without it (up to rounding). O(f) a view.
+    those of the search without exclusion (up to rounding). O(f) per view.
 
     References
     ----------
@@ -24,11 +24,11 @@ class PlaneDistances:
     def __init__(self, faces: FacePlanes) -> None:
         self._origin = faces.origin
         lengths = np.linalg.norm(faces.planes[:, :3], axis=1, keepdims=True)
-        # a face without a normal (a mesh that was not cleaned) occludes nothing: any distance will do
+        # a face without a normal (of a mesh that was not cleaned) occludes nothing, so its distance does not matter
         self._unit = faces.planes[:, :4] / np.where(lengths > 0.0, lengths, 1.0)
 
-    def of(self, eye: FloatArray) -> FloatArray:
-        """Distances of all planes from an eye (world space), (f,)."""
+    def from_eye(self, eye: FloatArray) -> FloatArray:
+        """Return the distances of all planes from an eye (world space), (f,)."""
         return np.abs(self._unit[:, :3] @ (eye - self._origin) + self._unit[:, 3])
 
 
@@ -37,14 +37,14 @@ class SampleDistances:
 
     Notes
     -----
-    The nearest sample is farther than the nearest point of the face, so a face is excluded too often: points that lie
-    farther than its nearest part but nearer than its nearest sample may be taken for visible. O(samples) a view.
+    The nearest sample is farther than the nearest point of the face, so some faces are wrongly excluded: points farther
+    than the face's nearest part but nearer than its nearest sample may be taken for visible. O(samples) per view.
 
     References
     ----------
     Paper 3.6: "choose a set of points from inside the surface and calculate the minimum distance". Departure: every
-    face gets at least one sample (one that falls out of Algorithm 1 has its own drawn); the paper does not say what
-    the distance of a face without samples is, and on fine meshes most faces have none.
+    face gets at least one sample, drawn separately if Algorithm 1 gives none; the paper does not define the distance of
+    a face without samples, and on fine meshes most faces have none.
     """
 
     def __init__(self, mesh: Mesh, n_samples: int, seed: Seed = 0) -> None:
@@ -57,8 +57,8 @@ class SampleDistances:
         self.positions = points_in_triangles(mesh.corners, counts, rng)
         self._first = np.cumsum(counts) - counts
 
-    def of(self, eye: FloatArray) -> FloatArray:
-        """Distance of each face's nearest sample from an eye (world space), (f,)."""
+    def from_eye(self, eye: FloatArray) -> FloatArray:
+        """Return the distance of each face's nearest sample from an eye (world space), (f,)."""
         return np.asarray(np.minimum.reduceat(np.linalg.norm(self.positions - eye, axis=1), self._first))
 
 

@@ -1,4 +1,4 @@
-"""Division of faces of large area into smaller ones (paper 3.3, Fig. 4)."""
+"""Division of large faces into smaller ones (paper 3.3, Fig. 4)."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 
 @dataclass(frozen=True, eq=False)
 class Division:
-    """A mesh with its large faces divided, and the way from a point on a face to the child it lies in.
+    """Mesh with its large faces divided, and the map from points on the parent's faces to their children.
 
     Parameters
     ----------
     parent : Mesh
         f faces.
     mesh : Mesh
-        The divided one: the children of face 0, then those of face 1, and so on. Its first vertices are the parent's.
+        Divided mesh: the children of face 0, then those of face 1, and so on. Its first vertices are the parent's.
     parts : (f,) int32
-        m: the edges of face i are cut into m parts, the face into m^2 congruent children; 1 = left whole.
+        Number of parts m of each edge of a face, which has m^2 congruent children; 1 for an undivided face.
     limited : bool
-        Whether the division is coarser than was asked for, because it would have made too many faces.
+        True if the division is coarser than requested, because it would have made too many faces.
     """
 
     parent: Mesh
@@ -42,7 +42,7 @@ class Division:
         Returns
         -------
         (n,) int32
-            Indices of `mesh.faces`; -1 for free points.
+            Indices into `mesh.faces`; -1 for free points.
         """
         on_face = points.face_ids >= 0
         own = points.face_ids[on_face]
@@ -52,22 +52,22 @@ class Division:
         m = self.parts[own]
         row = np.clip(np.floor(gamma * m), 0, m - 1).astype(np.int64)
         column = np.clip(np.floor(beta * m), 0, m - 1 - row).astype(np.int64)
-        # the upper triangle of a lattice cell begins beyond its diagonal; the last cell of a row has none
+        # the upper triangle of a lattice cell is beyond its diagonal; the last cell of a row has none
         upper = ((beta * m - column) + (gamma * m - row) > 1.0) & (column < m - 1 - row)
         children[on_face] = first[own] + row * (2 * m - row) + 2 * column + upper
         return children
 
 
 def divide_faces(mesh: Mesh, largest: float, max_faces: int) -> Division:
-    """Divide every face whose area is above a limit into congruent children whose area is not.
+    """Divide every face with an area above a limit into congruent children with an area within the limit.
 
     Parameters
     ----------
     mesh : Mesh
     largest : float
-        The largest area that a face may keep, as a fraction of the mesh's whole area.
+        Largest area of a face, as a fraction of the mesh's area.
     max_faces : int
-        Make no more faces than this: `largest` is then raised until they suffice (`Division.limited`).
+        Maximum number of faces; `largest` is raised until it is met (`Division.limited`).
 
     Returns
     -------
@@ -75,12 +75,12 @@ def divide_faces(mesh: Mesh, largest: float, max_faces: int) -> Division:
 
     Notes
     -----
-    Each edge of a face is cut into m = ceil(sqrt(area / largest)) equal parts, which makes m^2 children similar to the
-    face. The number of faces is known beforehand, so that the limit costs nothing and nothing explodes.
+    Each edge of a face is divided into m = ceil(sqrt(area / largest)) equal parts, which makes m^2 children similar to
+    the face. The number of faces is known in advance, so no mesh above the limit is ever built.
 
     References
     ----------
-    Paper 3.3 and Fig. 4. The paper names neither the rule of division nor its limit; both are ours.
+    Paper 3.3 and Fig. 4. The paper gives neither a rule of division nor a limit.
     """
     relative = mesh.areas / mesh.areas.sum() if mesh.areas.any() else np.zeros(len(mesh.faces))
     parts = _parts(relative, largest)
@@ -101,12 +101,12 @@ def divide_faces(mesh: Mesh, largest: float, max_faces: int) -> Division:
 
 
 def _parts(relative: FloatArray, largest: float) -> IntArray:
-    # the subtraction keeps a face of exactly m^2 times the limit at m parts; the upper bound keeps the squares in int64
+    # the subtraction keeps a face of exactly m^2 times the limit at m parts; the squares of clipped parts fit in int64
     return np.clip(np.ceil(np.sqrt(relative / largest) - 1e-9), 1, 2**24).astype(np.int32)
 
 
 def _children(mesh: Mesh, parts: IntArray) -> tuple[FloatArray, IntArray]:
-    """Vertices and faces of the divided mesh, faces in the order that `Division` states."""
+    """Return vertices and faces of the divided mesh, with the faces in the order of `Division.mesh`."""
     counts = parts.astype(np.int64) ** 2
     first = np.cumsum(counts) - counts
     faces = np.empty((counts.sum(), 3), dtype=np.int64)
@@ -119,7 +119,7 @@ def _children(mesh: Mesh, parts: IntArray) -> tuple[FloatArray, IntArray]:
         vertices.append((a + beta * (b - a) + gamma * (c - a)).reshape(-1, 3))
         numbers = n_vertices + np.arange(len(vertices[-1])).reshape(len(some), -1)
         n_vertices += numbers.size
-        # the lattice's corners are the face's own vertices, so that a face left whole adds none
+        # the lattice's corners are the face's own vertices, so that an undivided face adds none
         numbers[:, [0, m, -1]] = mesh.faces[some]
         faces[first[some, None] + np.arange(m * m)] = numbers[:, children]
     used = np.arange(n_vertices) < len(mesh.vertices)
@@ -128,7 +128,7 @@ def _children(mesh: Mesh, parts: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _lattice(m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Column and row of each node of a face cut into m parts, row by row, (n, 2); nodes of its children, (m^2, 3)."""
+    """Return column and row of each node of a face divided into m parts, (n, 2); nodes of its children, (m^2, 3)."""
     rows, columns = np.nonzero(np.add.outer(np.arange(m + 1), np.arange(m + 1)) <= m)
     number = np.zeros((m + 1, m + 1), dtype=np.intp)
     number[rows, columns] = np.arange(len(rows))
@@ -140,7 +140,7 @@ def _lattice(m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def _plane_coordinates(corners: FloatArray, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """beta, gamma of p = a + beta (b - a) + gamma (c - a), for points in the triangles' planes."""
+    """Return beta, gamma of p = a + beta (b - a) + gamma (c - a), for points in the triangles' planes."""
     a = corners[:, 0]
     first, second, offset = corners[:, 1] - a, corners[:, 2] - a, positions - a
     normal = np.cross(first, second)

@@ -1,4 +1,4 @@
-"""Exhaustive search (paper 3.3 and 3.5): every point against every face, until one is found that occludes it."""
+"""Exhaustive search (paper 3.3 and 3.5): every point against every face, until a face occludes it."""
 
 import math
 
@@ -10,7 +10,7 @@ from zbuf_occlude.jit.threads import next_task, parallel_for, parallel_kernel
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
 
 NO_DISTANCES = np.empty(0)
-"""Stands for "exclude no face"."""
+"""Default distances, with which no face is excluded."""
 
 
 def hidden_points(
@@ -29,30 +29,30 @@ def hidden_points(
     faces : FacePlanes
         f faces.
     face_labels : (f, m) int32
-        A point is not tested against the faces that carry its label: its own. With m = 1 and a face's index as its
-        label that is the face a sample lies on; with m = 3 and the numbers of the corners, all faces of a vertex.
+        Labels of each face. A point is not tested against its own faces, which carry its label. With m = 1 and a face's
+        index as its label that is the face of a sample; with m = 3 and the corners' ids, all faces of a vertex.
     positions : (n, 3) float
         World space.
     labels : (n,) int32
-        -1 for a point without faces of its own.
+        Label of each point; -1 for a point without faces of its own.
     eye : (3,) float
         World space.
     contact : float
-        The contact tolerance tau, world units.
+        Contact tolerance tau, world units.
     distances : (f,) float, optional
-        Distance from the eye to each face (`zbuf_occlude.object_space.distances`); faces at a greater distance than
-        the point are excluded (paper 3.6, first and second suggestion).
+        Distance from the eye to each face (`zbuf_occlude.object_space.distances`). Faces farther than the point are
+        excluded (paper 3.6, first and second suggestion).
 
     Returns
     -------
     hidden : (n,) bool
     n_tests : int
-        How many pairs of point and face were tested (Eq. 6); the paper's ``k N M`` counts these.
+        Number of tested pairs of point and face (Eq. 6); the paper's ``k N M`` counts these.
 
     Notes
     -----
-    O(n f) time, less for what stops early; no memory beyond the answer. All cores share the points, as in `oracle`.
-    Faces are taken in the mesh's order: neither sorted nor kept from one point to the next.
+    O(n f) time at most, since a search stops at the first hiding face; no memory beyond the answer. All cores share the
+    points. Each point tests the faces in the mesh's order.
     """
     hidden, n_tests = np.zeros(len(positions), dtype=np.bool_), np.zeros(len(positions), dtype=np.int64)
     parallel_for(
@@ -75,7 +75,7 @@ def hidden_points(
 
 @parallel_kernel
 def _search(tasks, planes, sides, edges, face_labels, positions, labels, eye, contact, distances, hidden, n_tests):
-    """Take point after point."""
+    """Search the faces for one point after another."""
     cull = len(distances) > 0
     i = next_task(tasks)
     while i < len(positions):

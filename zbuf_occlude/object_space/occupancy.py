@@ -1,4 +1,4 @@
-"""Hidden surface removal with an occupancy grid (paper 3.6, third suggestion)."""
+"""Hidden-surface removal with an occupancy grid (paper 3.6, third suggestion)."""
 
 import math
 from typing import Any
@@ -8,55 +8,54 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.threads import n_blocks, parallel_for, shared_with_memory, take_block
+from zbuf_occlude.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block
 
 TOUCHING = 1
-"""Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
+"""Default distance, in cells along the farthest axis, up to which cells are of one surface: they touch."""
 
 RUN = 3
-"""This many cells away an unbroken run of occupied cells may still be the surface that a cell lies on."""
+"""Default distance, in cells, up to which an unbroken run of occupied cells is of the same surface as its start."""
 
 SNAP = 2.0**20
-"""Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
+"""Parts of a cell to which positions are rounded, so that rounding errors of a scale do not decide ties."""
 
 BLOCK = 256
-"""Walks that a thread does at a time."""
+"""Lines of sight per block of a thread."""
 
 
 class OccupancyGrid:
-    """An n x n x n grid of cubic cells about an object, and the cells that its points occupy.
+    """Grid of n x n x n cubic cells about an object, and the cells that its points occupy.
 
     Parameters
     ----------
     bounds : (2, 3) float
-        Lower and upper corner of the object's box, world space. The grid is the cube about its centre with the box's
-        longest side.
+        Lower and upper corner of the object's bounding box, world space. The grid is the cube about its centre with the
+        box's longest side.
     n : int
         Cells along a side.
     positions : (s, 3) float
         Points of the object's surface; the cells that contain them are occupied.
     touching, run : int
-        Which occupied cells are of a cell's own surface and do not occlude it: those up to `touching` cells away, and
-        those up to `run` cells away that the line of sight reaches through occupied cells only.
+        Extent of a cell's own surface, which does not occlude it: occupied cells up to `touching` cells away, and those
+        up to `run` cells away that the line of sight reaches through occupied cells only.
 
     Notes
     -----
-    **When does a cell occlude a cell?** The paper does not say. Here: when it is occupied, the line from the other
-    cell's centre to the eye passes through it, and it is not of the other cell's own surface. By default of the own
-    surface are the cells that touch it, and those up to `RUN` cells away that the line reaches through occupied cells
-    only. The eye's own cell does not count either.
+    **When does a cell occlude a cell?** The paper does not define it. Here it does if it is occupied, the line from the
+    other cell's centre to the eye passes through it, and it is not of the other cell's own surface. The eye's cell
+    occludes nothing.
 
-    Without the last condition an object would hide its own front, since a surface's cells touch each other and a line
-    at a slant runs on through them. With it, a front seen at more than 40 degrees from its plane stays whole; of one
-    seen at a grazing angle some is lost. Excluding more keeps more of the front and loses more of the occluders;
-    docs/object_space.md has what was tried.
+    Without an own surface an object would hide its own front, since a surface's cells touch each other and a slanted
+    line passes through several of them. With the defaults, a front seen at more than 40 degrees from its plane stays
+    whole, and one seen at a grazing angle is partly lost. A larger own surface keeps more of the front and loses more
+    of the occluders; docs/object_space.md lists measured choices.
 
-    A line costs at most 3 n steps and there are no more lines than occupied cells, whatever the number of points.
+    A line costs at most 3 n steps, and there are at most as many lines as occupied cells.
 
     References
     ----------
     Paper 3.6: "searching for the occluded cells instead of searching for the occluded points, and finally, all points
-    belonging to an occluded cell are also considered occluded". The walk is that of Amanatides and Woo (1987).
+    belonging to an occluded cell are also considered occluded". The traversal is that of Amanatides and Woo (1987).
     """
 
     def __init__(
@@ -71,79 +70,86 @@ class OccupancyGrid:
         self.occupied[tuple(self.cells_of(positions).T)] = True
 
     def cells_of(self, positions: FloatArray) -> IntArray:
-        """Cells that positions (world space, in the grid) lie in, (s, 3) int32."""
+        """Return the cells of positions (world space, in the grid), (s, 3) int32."""
         return np.clip(np.floor(self._in_cells(positions)), 0, self.n - 1).astype(np.int32)
 
     def distinct_cells(self, positions: FloatArray) -> tuple[IntArray, NDArray[np.intp]]:
-        """Cells that positions (world space) lie in, each once, (c, 3), and for each position which, (s,).
+        """Return the distinct cells of positions (world space), (c, 3), and the index of each position's cell, (s,).
 
-        O(s + n^3): the cells are marked, not sorted. Positions outside the grid count as in the cell nearest to them.
+        O(s + n^3): the cells are marked, not sorted. Positions outside the grid count as in the nearest cell.
         """
         numbers = np.ravel_multi_index(tuple(self.cells_of(positions).T), self.occupied.shape)
         marked = np.zeros(self.occupied.size, dtype=bool)
         marked[numbers] = True
         distinct = np.flatnonzero(marked)
-        place = np.empty(self.occupied.size, dtype=np.int32)
-        place[distinct] = np.arange(len(distinct))
+        ranks = np.empty(self.occupied.size, dtype=np.int32)
+        ranks[distinct] = np.arange(len(distinct))
         cells = np.stack(np.unravel_index(distinct, self.occupied.shape), axis=1).astype(np.int32)
-        return cells, place[numbers].astype(np.intp)
+        return cells, ranks[numbers].astype(np.intp)
 
     def contains(self, positions: FloatArray) -> BoolArray:
-        """Whether positions (world space) lie in the grid, its border included, (s,) bool."""
-        place = self._in_cells(positions)
-        return np.asarray(((place >= 0.0) & (place <= self.n)).all(axis=1))
+        """Return whether positions (world space) lie in the grid, including its border, (s,) bool."""
+        coordinates = self._in_cells(positions)
+        return np.asarray(((coordinates >= 0.0) & (coordinates <= self.n)).all(axis=1))
 
     def occluded_cells(self, cells: IntArray, eye: FloatArray) -> BoolArray:
-        """Find the cells whose line of sight to an eye (world space) is blocked; (c, 3) int32 -> (c,) bool."""
-        return _walk_all(self.occupied, cells + 0.5, self._in_cells(eye), *self._own)
+        """Return whether the line of sight from cells (c, 3) to an eye (world space) is blocked, (c,) bool."""
+        return _are_blocked(self.occupied, cells + 0.5, self._in_cells(eye), *self._own)
 
     def occluded_positions(self, positions: FloatArray, eye: FloatArray) -> BoolArray:
-        """The same for positions outside the grid (world space), which start where they are; (c,) bool."""
-        return _walk_all(self.occupied, self._in_cells(positions), self._in_cells(eye), *self._own)
+        """Return whether the line of sight from positions outside the grid (world space) is blocked, (c,) bool."""
+        return _are_blocked(self.occupied, self._in_cells(positions), self._in_cells(eye), *self._own)
 
     def _in_cells(self, positions: FloatArray) -> FloatArray:
         return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
 
 
-def _walk_all(
+def _are_blocked(
     occupied: BoolArray, starts: NDArray[np.floating[Any]], eye: FloatArray, touching: int, run: int
 ) -> BoolArray:
-    """Whether each walk from one of the starts, (c, 3), to an eye is blocked, (c,); all in cells."""
+    """Return whether each line from one of the starts, (c, 3), to an eye is blocked, (c,); all in cells."""
     blocked = np.zeros(len(starts), dtype=np.bool_)
-    parallel_for(_walk_blocks, n_blocks(len(starts), BLOCK), occupied, starts, eye, touching, run, blocked)
+    parallel_for(_fill_blocked, n_blocks(len(starts), BLOCK), occupied, starts, eye, touching, run, blocked)
     return blocked
 
 
-@shared_with_memory
-def _walk_blocks(tasks, occupied, starts, eye, touching, run, blocked):
-    """Take some walks after others."""
+@allocating_kernel
+def _fill_blocked(tasks, occupied, starts, eye, touching, run, blocked):
+    """Test blocks of lines."""
     first, last = take_block(tasks, len(starts), BLOCK)
     while first < last:
         for i in range(first, last):
-            blocked[i] = _walk(occupied, starts[i], eye, touching, run)
+            blocked[i] = _is_blocked(occupied, starts[i], eye, touching, run)
         first, last = take_block(tasks, len(starts), BLOCK)
 
 
 @njit
-def _walk(occupied, start, eye, touching, run):
-    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
-    n = len(occupied)
-    begin, end = 0.0, 1.0  # the part of the line within the grid
+def _part_within(start, eye, n):
+    """Return the part of the line from `start` to `eye` within the grid, as fractions; empty if begin >= end."""
+    begin, end = 0.0, 1.0
     for axis in range(3):
         d = eye[axis] - start[axis]
         if d == 0.0:
             if start[axis] < 0.0 or start[axis] > n:
-                return False
+                return 1.0, 0.0
         else:
             low, high = -start[axis] / d, (n - start[axis]) / d
             begin, end = max(begin, min(low, high)), min(end, max(low, high))
+    return begin, end
+
+
+@njit
+def _is_blocked(occupied, start, eye, touching, run):
+    """Return whether an occupied cell beyond the start's own surface is on the line from `start` to `eye`, in cells."""
+    n = len(occupied)
+    begin, end = _part_within(start, eye, n)
     if begin >= end:
         return False
     first = np.empty(3, dtype=np.int64)  # the start's cell, which may lie outside the grid
     last = np.empty(3, dtype=np.int64)  # the eye's cell
     cell = np.empty(3, dtype=np.int64)
     step = np.zeros(3, dtype=np.int64)
-    next_t = np.full(3, np.inf)  # where the line meets the cell's next wall on each axis
+    next_t = np.full(3, np.inf)  # parameter of the line at the cell's next wall on each axis
     delta = np.full(3, np.inf)
     for axis in range(3):
         d = eye[axis] - start[axis]
@@ -154,7 +160,7 @@ def _walk(occupied, start, eye, touching, run):
             wall = cell[axis] + (1 if d > 0.0 else 0)
             next_t[axis] = (wall - start[axis]) / d
             delta[axis] = abs(1.0 / d)
-    unbroken = True  # whether all cells so far, the start's own aside, are occupied
+    unbroken = True  # all cells so far, except the start's own, are occupied
     while True:
         if cell[0] == last[0] and cell[1] == last[1] and cell[2] == last[2]:
             return False

@@ -1,4 +1,4 @@
-"""Planes of the faces and the paper's test whether a face cuts a line of sight (sections 3.1 and 3.3)."""
+"""Planes of the faces, and the paper's test whether a face intersects a line of sight (sections 3.1 and 3.3)."""
 
 from dataclasses import dataclass
 
@@ -9,22 +9,22 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.geometry.mesh import Mesh
 
 ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Bound on the relative rounding error of the formulas below, times the lengths that enter them."""
+"""Bound on the rounding error of the formulas below, relative to the product of their lengths."""
 
 
 @dataclass(frozen=True, eq=False)
 class FacePlanes:
-    """The equations of every face, computed once per mesh (paper 3.4: "only once as a preprocessing stage").
+    """Plane equations of all faces, computed once per mesh (paper 3.4: "only once as a preprocessing stage").
 
-    Positions that are tested against them must be moved by ``-origin`` first.
+    Positions must be relative to `origin`.
 
     Parameters
     ----------
     origin : (3,) float
-        World-space centre of the mesh's bounding box. Relative to it d in Eq. 3 stays of the mesh's size; far from
-        the world's origin ``d + n . p`` would cancel.
+        World-space centre of the mesh's bounding box. Relative to it d in Eq. 3 is of the mesh's size; far from the
+        world's origin ``d + n . p`` would suffer cancellation.
     planes : (f, 5) float
-        n, d of Eq. 1-3 and the length scale ``|v1| |v2|`` that the rounding errors of both are relative to.
+        n, d of Eq. 1-3 and the length scale ``|v1| |v2|`` to which the rounding errors of both are relative.
     sides : (f, 3, 4) float
         n_i, d_i of Eq. 8-9: the planes through the three edges, perpendicular to the face, positive inside.
     edges : (f, 3) float
@@ -37,7 +37,7 @@ class FacePlanes:
     edges: FloatArray
 
     @classmethod
-    def of(cls, mesh: Mesh) -> "FacePlanes":
+    def from_mesh(cls, mesh: Mesh) -> "FacePlanes":
         """Compute the equations of all faces of a mesh.
 
         References
@@ -62,21 +62,21 @@ class FacePlanes:
 
 @njit
 def occludes(p, u, from_origin, length, planes, sides, edges, face, contact):  # type: ignore[no-untyped-def]
-    """Whether a face cuts the line of sight from a point to the eye farther than `contact` from the point.
+    """Return whether a face intersects the line of sight from a point to the eye farther than `contact` from the point.
 
     Parameters
     ----------
     p : tuple of 3 float64
-        The point, relative to `FacePlanes.origin`.
+        Point, relative to `FacePlanes.origin`.
     u : tuple of 3 float64
-        From the point to the eye: p + u is the eye (Eq. 5 with q = eye).
+        Vector from the point to the eye: p + u is the eye (Eq. 5 with q = eye).
     from_origin, length : float
         ``|p|`` and ``|u|``.
     planes, sides, edges : float64
-        The arrays of `FacePlanes`.
+        Arrays of `FacePlanes`.
     face : int
     contact : float
-        The contact tolerance tau, world units.
+        Contact tolerance tau, world units.
 
     Returns
     -------
@@ -84,15 +84,15 @@ def occludes(p, u, from_origin, length, planes, sides, edges, face, contact):  #
 
     Notes
     -----
-    The comparisons ``n . u != 0`` (Eq. 6) and ``val_i >= 0`` (Eq. 10) are taken up to the rounding error of what they
-    compare. Taken literally, a line through an edge that two faces share can pass between both, and a line within a
-    face's plane meets it anywhere.
+    The comparisons ``n . u != 0`` (Eq. 6) and ``val_i >= 0`` (Eq. 10) allow for the rounding error of their operands.
+    Without this, a line through an edge that two faces share could pass between both, and a line within a face's plane
+    would meet it anywhere.
 
     References
     ----------
     Paper Eq. 2-3, 5-10. Departures: the contact tolerance, and the rounding bounds.
     """
-    # arrays indexed by face, not the face's rows: taking rows costs more than the test
+    # arrays are indexed by face, because taking the face's rows would cost more than the test
     n_u = planes[face, 0] * u[0] + planes[face, 1] * u[1] + planes[face, 2] * u[2]
     if abs(n_u) <= ROUNDING * planes[face, 4] * length:
         return False  # the line is parallel to the plane: Eq. 6 has no solution

@@ -1,4 +1,4 @@
-"""Hidden surface removal by vertices (paper 3.3): a face goes as soon as one of its vertices is hidden."""
+"""Hidden-surface removal by vertices (paper 3.3): a face with a hidden vertex is removed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,15 @@ from zbuf_occlude.object_space.planes import FacePlanes
 
 
 class VertexRemoval:
-    """A mesh made ready for hidden surface removal by vertices; `contact` is tau, world units.
+    """Mesh prepared for hidden-surface removal by vertices; `contact` is tau, world units.
 
     Notes
     -----
-    A vertex is not tested against its own faces: those with a corner at the same *position*. Meshes of the kind that
-    the paper uses repeat a vertex for every face around it (chair_0003 has three a face), so going by the vertex's
-    index would leave its neighbours as occluders. Where faces merely touch (a vertex upon another face's edge), the
-    contact tolerance keeps the other face from hiding it. Repeated vertices are each tested, as the paper's counts of
-    points say (2,628 faces, 7,884 points); vertices that no face uses are not.
+    A vertex is not tested against its own faces: those with a corner at the same *position*. The paper's meshes repeat
+    a vertex for every face around it (chair_0003 has three per face); by index, the neighbouring faces would hide it.
+    If faces merely touch (a vertex on another face's edge), the contact tolerance keeps the other face from hiding it.
+    Repeated vertices are each tested, as in the paper's counts of points (2,628 faces, 7,884 points); vertices that no
+    face uses are not tested.
 
     References
     ----------
@@ -30,9 +30,9 @@ class VertexRemoval:
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
         self.mesh = mesh
-        self.planes = FacePlanes.of(mesh)
+        self.planes = FacePlanes.from_mesh(mesh)
         self._contact = contact
-        # + 0.0 turns -0.0 into 0.0
+        # adding 0.0 turns -0.0 into 0.0
         _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)
         labels: IntArray = position_ids.reshape(-1).astype(np.int32)
         self._face_labels: IntArray = labels[mesh.faces]
@@ -43,10 +43,10 @@ class VertexRemoval:
     def visible(
         self, points: SurfacePoints, face_ids: IntArray, eyes: FloatArray, distances: Distances | None = None
     ) -> tuple[BoolArray, NDArray[np.int64]]:
-        """Find which points lie on faces that are left from each eye (world space).
+        """Return which points lie on faces that are kept for each eye (world space).
 
         `face_ids`, (n,), index the mesh's faces; a point on none (-1) is tested itself. `distances` exclude far faces
-        as occluders. Returns (k, n) bool, and how many pairs of vertex and face were tested from each eye.
+        as occluders. Returns (k, n) bool, and the number of tested pairs of vertex and face for each eye.
         """
         free = face_ids < 0
         used, off_faces = self.mesh.vertices[self._used], points.positions[free]
@@ -54,7 +54,7 @@ class VertexRemoval:
         answer = np.empty((len(eyes), len(points)), dtype=bool)
         n_tests = np.zeros(len(eyes), dtype=np.int64)
         for j, eye in enumerate(eyes):
-            far = NO_DISTANCES if distances is None else distances.of(eye)
+            far = NO_DISTANCES if distances is None else distances.from_eye(eye)
             search = self.planes, self._face_labels
             hidden, n_tests[j] = hidden_points(*search, used, self._labels, eye, self._contact, far)
             kept = np.asarray(~hidden[self._corner_ids].any(axis=1))

@@ -228,8 +228,7 @@ class BopWriter:
         middle = mesh.bounds.mean(axis=0)
         moved = np.eye(4)
         moved[:3, 3] = middle
-        alone = opened.enter_context(prepare(own, self._method, **self._options))
-        alone.warns = False
+        alone = opened.enter_context(prepare(own, self._method, warn=False, **self._options))
         obj_id = self._model_of(Mesh((mesh.vertices - middle) * MILLIMETRES, mesh.faces, mesh.name))
         return _Object(i, obj_id, pose @ moved, own.bounds, alone)
 

@@ -27,11 +27,9 @@ def prepare_scene(scene: Scene, method: str, **options: Any) -> VisibilityQuery:
     OptionError, UnavailableError, GlError
         As `zbuf_occlude.prepare`.
     """
-    occluder = (
-        prepare(scene.mesh, method, **options) if scene.is_opaque_and_static else DynamicScene(scene, method, **options)
-    )
-    occluder.contact_given = True  # a ray has no contact tolerance
-    return occluder
+    if not scene.is_opaque_and_static:
+        return DynamicScene(scene, method, **options)
+    return prepare(scene.mesh, method, warn=False, **options)
 
 
 class _Part(NamedTuple):
@@ -52,7 +50,7 @@ class DynamicScene(VisibilityQuery):
 
     def __init__(self, scene: Scene, method: str, **options: Any) -> None:
         super().__init__(scene.mesh)
-        self._prepare: Callable[[Mesh], VisibilityQuery] = lambda mesh: prepare(mesh, method, **options)
+        self._prepare: Callable[[Mesh], VisibilityQuery] = lambda mesh: prepare(mesh, method, warn=False, **options)
         owners = np.where(np.isin(scene.instances, list(scene.moving)), scene.instances, -1)
         panes = np.zeros(len(owners), dtype=bool) if scene.transmittance is None else scene.transmittance > 0.0
         self._solid = np.flatnonzero(~panes)

@@ -164,7 +164,7 @@ class Scan(Cloud):
 
 def default_caster() -> str:
     """Return the name of the method that casts rays here."""
-    able = {row.name for row in METHODS if not row.no_first_hits and not row.missing()}
+    able = {row.name for row in METHODS if not row.ray_casting_unsupported_reason and not row.missing()}
     return next(name for name in CASTERS if name in able)
 
 

@@ -1,4 +1,4 @@
-"""`depth_buffer`: the mesh drawn into a depth buffer for each eye by OpenGL, the points tested where that runs."""
+"""`depth_buffer`: OpenGL draws the mesh into a depth buffer for each eye and tests the points against it."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from zbuf_occlude.errors import OptionError, check_choice, check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
-from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, arrange_mesh, mesh_buffers
-from zbuf_occlude.gl.point_pass import MOST_HIDDEN, MOST_POINTS, PointPass, UploadedPoints, batches_of
-from zbuf_occlude.gl.ray_pass import WINDOW, nearest_of, picture_rays, seen_around
+from zbuf_occlude.gl.depth_pass import MAX_TILES, DepthPass, arrange_mesh, mesh_buffers
+from zbuf_occlude.gl.point_pass import MAX_HIDDEN, MAX_POINTS, PointPass, UploadedPoints, batches_of
+from zbuf_occlude.gl.ray_pass import PIXELS_PER_RAY, nearest_of, picture_rays, seen_around
 from zbuf_occlude.gl.shaders import set_uniforms
 from zbuf_occlude.gl.tiles import (
     CUBE,
@@ -28,8 +28,8 @@ from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuer
 
 REFINEMENTS = ("witness", "none")
 
-SMALLEST, LARGEST = 16, 8192
-"""Pixels along a side. Six cube faces of 8192 pixels take 3.2 GB, and more than some drivers' largest texture."""
+MIN_RESOLUTION, MAX_RESOLUTION = 16, 8192
+"""Bounds of the resolution, pixels along a side. Six cube faces of 8192 pixels take 3.2 GB."""
 
 
 def prepare(
@@ -50,21 +50,21 @@ def prepare(
     resolution : int
         Pixels along a side of the depth buffer, which is fitted to the mesh.
     tolerance : float
-        A point may be this much deeper than the buffer and is still visible; a fraction of the mesh's diagonal.
+        Depth by which a visible point may lie behind the buffer, as a fraction of the mesh's diagonal.
     slope_bias : float
-        With ``refine="none"`` added to it: this many times the depth that the point's own plane gains from one pixel to
-        the next. "witness" needs none: it evaluates that plane at the pixels' centres.
+        With ``refine="none"``, additional tolerance, in units of the depth that the point's own plane gains from one
+        pixel to the next. "witness" evaluates that plane at the pixels' centres and needs no bias.
     refine : {"witness", "none"}
-        What happens to points near silhouettes and creases; see `DepthBuffer`.
+        Treatment of points near silhouettes and creases; see `DepthBuffer`.
 
     Raises
     ------
     OptionError
         A value is out of range.
     GlError
-        The driver cannot do it, or has no memory left.
+        The driver lacks a feature, or has no memory left.
     """
-    check_count("resolution", resolution, SMALLEST, LARGEST, "pixels along a side")
+    check_count("resolution", resolution, MIN_RESOLUTION, MAX_RESOLUTION, "pixels along a side")
     check_fraction("tolerance", tolerance)
     if not 0.0 <= slope_bias < np.inf:
         raise OptionError(f"slope_bias must not be negative and be finite, in pixels; got {slope_bias}.")
@@ -73,30 +73,31 @@ def prepare(
 
 
 class DepthBuffer(VisibilityQuery):
-    """Shadow mapping with the eye for a light, and points instead of pixels to light.
+    """Shadow mapping with the eye as the light, and points instead of pixels.
 
     Notes
     -----
-    The frustum is fitted to the mesh; an eye within the mesh, or too near for one frustum, gets six cube faces. What
-    lies outside the picture is visible. Not exact: the buffer knows one depth a pixel.
+    The frustum is fitted to the mesh; an eye within the mesh, or too near for one frustum, gets six cube faces. Points
+    outside the picture are visible. Not exact: the buffer holds one depth per pixel.
 
     ``refine="none"`` compares a point's depth with that of its pixel. Its error is the pixel times a slope: 1.5 to 4 %
     of the answers on CAD meshes at 512 pixels a side.
 
-    ``refine="witness"`` compares, at the centres of the four pixels around the point, the buffer with the point's own
-    plane. When all four agree, which is so for 93 to 98 % of the answers, that is the answer, and wrong in less than
-    one of 5,000. In doubt, the faces seen in the 6 x 6 pixels around are tested against the line of sight: one that
-    crosses it is a witness. Without a witness the pixels' votes are weighed by nearness. What remains wrong, 0.05 to
-    1 % of the answers, lies near silhouettes, where the face that hides is in no pixel. Sheets nearer to each other
-    than `tolerance` are beyond it: on an open plate thinner than that a third of the answers may be wrong. So is what
-    an eye inside the mesh has nearer than 1e-6 diagonals.
+    ``refine="witness"`` compares the buffer with the point's own plane at the centres of the four pixels around the
+    point. All four agree for 93 to 98 % of the answers; that answer is wrong in less than one of 5,000 cases.
+    Otherwise the faces in the 6 x 6 pixels around the point are tested against the line of sight; a face that crosses
+    it is a witness, and hides the point. Without a witness the pixels' votes are weighted by nearness. The remaining
+    errors, 0.05 to 1 % of the answers, lie near silhouettes, where the hiding face is in no pixel.
 
-    First hits of rays are told by pictures from their origins: the faces seen in the 4 x 4 pixels around the ray are
-    held against it in float64, and the nearest that it meets is the answer. Wrong where that face is in no pixel there.
+    Sheets nearer to each other than `tolerance` cannot be told apart: on an open plate thinner than that a third of the
+    answers may be wrong. Faces nearer than 1e-6 diagonals to an eye inside the mesh are not drawn.
 
-    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory: 12 bytes per vertex and 72 per
-    face, 256 MiB for the pictures of a batch of eyes (16 MiB where a CPU draws), 32 per point, which stay there until
-    others are asked about, and at most 128 MiB of answers per million points.
+    First hits use pictures from the rays' origins. The faces in the 4 x 4 pixels around a ray are tested in float64,
+    and the nearest hit is the answer. It is wrong if the true face is in none of these pixels.
+
+    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory: 12 bytes per vertex, 72 bytes
+    per face, 256 MiB for the pictures of a batch of eyes (16 MiB if a CPU draws), 32 bytes per point, kept until other
+    points are asked about, and at most 128 MiB of answers per million points.
 
     References
     ----------
@@ -112,7 +113,7 @@ class DepthBuffer(VisibilityQuery):
         self._gl, self.renderer = gl, gl.renderer
         self._resolution, self.tolerance = resolution, tolerance * mesh.diagonal
         gl.make_current()
-        self._unit = Unit.of(mesh.centre, mesh.diagonal)
+        self._unit = Unit.from_box(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
         self._witness = witness
         self._criteria = {
@@ -142,16 +143,16 @@ class DepthBuffer(VisibilityQuery):
         return mask
 
     def _upload(self, points: SurfacePoints) -> list[UploadedPoints]:
-        """Put points on the GPU, in parts; the last ones are there still, and points are immutable."""
+        """Upload points to the GPU, in parts, unless they are the last ones uploaded: points are immutable."""
         if self._uploaded is None or self._uploaded[0] is not points:
             self._forget()
             free = points.face_ids < 0
             positions = self._unit.to(points.positions)
             normals = np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids])
-            own = np.where(free, np.int32(-1), self._arrays.places[points.face_ids])
+            own = np.where(free, np.int32(-1), self._arrays.ranks[points.face_ids])
             uploaded: list[UploadedPoints] = []
             self._uploaded = points, uploaded
-            for part in parts(len(points), MOST_POINTS):
+            for part in parts(len(points), MAX_POINTS):
                 uploaded.append(UploadedPoints(self._gl, positions[part], normals[part], own[part]))
         return self._uploaded[1]
 
@@ -164,10 +165,10 @@ class DepthBuffer(VisibilityQuery):
     def _answer(
         self, points: list[UploadedPoints], pictures: Pictures, tiles_per_eye: int, out: BoolArray
     ) -> BoolArray:
-        """Answer for eyes that all have as many tiles, into (k, n) bool."""
+        """Answer for eyes that all have `tiles_per_eye` tiles, into (k, n) bool."""
         depth_pass = self._pass(tiles_per_eye)
         tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
-        # answers of a batch's groups have a byte per point each
+        # each group of eyes of a batch takes a byte per point
         groups = -(-depth_pass.n_eyes // EYES_PER_BYTE) * max(part.n_slots for part in points)
         most = max(1, answer_limit(self._gl) // groups) * depth_pass.n_eyes
         for first in range(0, len(out), most):
@@ -184,9 +185,9 @@ class DepthBuffer(VisibilityQuery):
         tiles_per_eye: int,
         out: BoolArray,
     ) -> None:
-        """Answer for as many eyes as there is room for answers."""
+        """Answer for at most as many eyes as the buffer of answers holds."""
         batches = batches_of(len(out), depth_pass.n_eyes)
-        padded = np.zeros((len(batches), MOST_TILES), dtype=TILE)
+        padded = np.zeros((len(batches), MAX_TILES), dtype=TILE)
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_per_eye, (batch.first_eye + batch.n_eyes) * tiles_per_eye
             row[: last - first] = tiles[first:last]
@@ -205,9 +206,9 @@ class DepthBuffer(VisibilityQuery):
                     depth_pass.draw(batch.n_eyes * tiles_per_eye)
                     programs = self._programs(tiles_per_eye, depth_pass, batch.n_eyes)
                     for each in passes:
-                        each.ask(batch, *programs)
+                        each.test(batch, *programs)
                 for each in passes:
-                    each.finish()
+                    each.fetch()
             finally:
                 for each in passes:
                     each.release()
@@ -216,8 +217,8 @@ class DepthBuffer(VisibilityQuery):
         self._gl.make_current()
         lengths = np.linalg.norm(directions, axis=1)
         origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
-        candidates = np.full((len(directions), WINDOW), -1, dtype=np.int32)
-        drawn = np.append(np.argsort(self._arrays.places), -1).astype(np.int32)  # faces in the order of drawing; none
+        candidates = np.full((len(directions), PIXELS_PER_RAY), -1, dtype=np.int32)
+        drawn = np.append(np.argsort(self._arrays.ranks), -1).astype(np.int32)  # faces in drawing order; the last: none
         units = directions / lengths[:, None]
         for group in picture_rays(self._unit.to(origins), units, self._arrays.positions, self._resolution):
             depth_pass = self._pass(group.tiles_per_eye, ids=True)
@@ -235,13 +236,13 @@ class DepthBuffer(VisibilityQuery):
         return self._passes[tiles_per_eye, ids]
 
     def _programs(self, tiles_per_eye: int, depth_pass: DepthPass, n_eyes: int) -> list[Any]:
-        """Return the programs for a batch of eyes of that number: one that answers, and one for what it doubts."""
-        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_per_eye == CUBE)}
-        eyes = min(n_eyes, EYES_PER_BYTE)  # a program asks for all of its eyes, whether they are there or not
+        """Return the programs for a batch of `n_eyes` eyes: one that answers, and one that decides doubtful pairs."""
+        constants = {"TILES": MAX_TILES, "CUBE": int(tiles_per_eye == CUBE)}
+        eyes = min(n_eyes, EYES_PER_BYTE)  # a program computes all its eyes, including padding
         if self._witness:
             programs = [
                 self._gl.program("vote.comp", EYES=eyes, **constants),
-                self._gl.program("witness.comp", MOST_HIDDEN=MOST_HIDDEN, **constants),
+                self._gl.program("witness.comp", MAX_HIDDEN=MAX_HIDDEN, **constants),
             ]
         else:
             programs = [self._gl.program("depth_test.comp", EYES=eyes, **constants)]

@@ -1,32 +1,32 @@
-"""`embree`: ray casting with Intel Embree through embreex, from points to eyes or along rays. The peer to beat."""
+"""`embree`: ray casting with Intel Embree through embreex, from points to eyes or along given rays."""
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 LIFT = 5e-7
-"""How far a ray that met its own face is lifted off it, in longest sides: above float32's error there (some 2e-7),
-below the width of the boundary band (1e-6 diagonals), so the lift decides nothing outside it."""
+"""Offset, in longest sides, of a ray that met its own face: above float32's error (about 2e-7) and below the width of
+the boundary band (1e-6 diagonals), so that it changes no answer outside the band."""
 
 ATTEMPTS = 12
-"""How often a ray is cast again that met the face it starts on, or one that it lies in: each time from farther on, at
-last a thousandth of the longest side away."""
+"""Maximum casts of a ray that meets the face it starts on, or a face it lies in. Each cast starts farther along the
+ray, the last one a thousandth of the longest side away."""
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Embree":
-    """Make a mesh ready for ray casting with Embree.
+    """Prepare a mesh for ray casting with Embree.
 
     Parameters
     ----------
     mesh : Mesh
     contact : float
-        The contact tolerance as a fraction of the mesh's diagonal.
+        Contact tolerance as a fraction of the mesh's diagonal.
 
     Raises
     ------
@@ -38,24 +38,24 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Embree":
 
 
 class Embree(VisibilityQuery):
-    """One ray a point, cast from the contact distance before the point to the eye; the own face does not hide.
+    """One ray per point, cast from the contact distance before the point to the eye; the own face does not hide.
 
     Notes
     -----
-    Not exact: Embree computes in float32. The mesh is centred and scaled to longest side 1 in float64 first, and rays
-    start within the bounding sphere, so the error does not grow with the distance of mesh and eye: about 2e-7 longest
-    sides across the ray, which is inside the boundary band. Outside it are left: contacts of `contact` within float32
-    of a face met at a grazing angle, and what Embree's traversal gets wrong (robust mode is on, edges may still be
-    missed). Answers may differ between instruction sets.
+    Not exact: Embree computes in float32. The mesh is first centred and scaled to longest side 1 in float64, and rays
+    start within the bounding sphere. The error therefore does not grow with the distance of mesh and eye: about 2e-7
+    longest sides across the ray, which is inside the boundary band. Errors outside the band come from contacts within
+    float32 rounding of `contact` at grazing angles, and from edges that Embree misses even in robust mode. Answers may
+    differ between instruction sets.
 
-    A ray starts so near to its own face that rounding makes it meet it at grazing angles. Such a ray is known by the
-    face's id and cast once more, lifted off the face's plane by `LIFT`; whatever it meets then but the own face hides
-    the point. Without that 3e-4 to 6e-4 of all answers are wrong on real meshes.
+    A ray starts so near to its own face that rounding makes it meet that face at grazing angles. The face's id reveals
+    such a ray. It is cast once more, lifted off the face's plane by `LIFT`; any face but its own that it then meets
+    hides the point. Without this, 3e-4 to 6e-4 of all answers are wrong on real meshes.
 
-    First hits come from one cast per ray; Embree names the face, its distance is computed anew in float64. Of faces
-    equally near it names any, not the lowest.
+    First hits come from one cast per ray. Embree names the face; its distance is recomputed in float64. Among equally
+    near faces Embree names any, not the lowest.
 
-    Costs O(log f) a ray; one core, because embreex casts one ray after the other under the interpreter's lock.
+    Costs O(log f) per ray, on one core: embreex casts one ray after the other and holds the interpreter's lock.
     """
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
@@ -66,7 +66,7 @@ class Embree(VisibilityQuery):
         vertices = (mesh.vertices - self._centre) * self._scale
         self._radius = float(np.linalg.norm(vertices[mesh.faces], axis=2).max())
         normals = mesh.face_normals
-        self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        self._normals = unit_vectors(normals)
         self._scene = EmbreeScene(robust=True)
         self._corners = vertices[mesh.faces[:, 0]]
         TriangleMesh(self._scene, vertices.astype(np.float32), mesh.faces)
@@ -81,7 +81,7 @@ class Embree(VisibilityQuery):
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         starts = np.broadcast_to((origins - self._centre) * self._scale, units.shape)
-        # outside the bounding sphere nothing is met, and float32 is coarse
+        # outside the bounding sphere there are no faces, and float32 is coarse
         skipped = np.maximum(-np.einsum("ij,ij->i", starts, units) - self._radius, 0.0)
         face_ids = np.full(len(units), -1, dtype=np.int32)
         distances = np.full(len(units), np.inf)
@@ -95,18 +95,18 @@ class Embree(VisibilityQuery):
             heights = np.einsum("ij,ij->i", self._corners[found] - starts[asked], normals)
             slopes = np.einsum("ij,ij->i", units[asked], normals)
             along = np.divide(heights, slopes, out=np.zeros(len(asked)), where=slopes != 0.0)
-            real = along > 0.0  # rounding lets a ray meet the face that it starts on, or that it lies in
+            real = along > 0.0  # by rounding a ray may meet the face it starts on, or a face it lies in
             face_ids[asked[real]], distances[asked[real]] = found[real], along[real] / self._scale
             asked = asked[~real]
             skipped[asked] += LIFT * 2**attempt
         return FirstHits(face_ids, distances)
 
     def _seen_from(self, eye: FloatArray, positions: FloatArray, own: IntArray) -> BoolArray:
-        """One eye's answers, (n,); eye and positions in the scene's space."""
+        """Return one eye's answers, (n,); eye and positions are in Embree's scaled space."""
         towards = eye - positions
         distance = np.linalg.norm(towards, axis=1)
         towards /= np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
-        # a free point may lie far outside, where float32 is coarse: nothing is met before the bounding sphere
+        # a free point may lie far outside, where float32 is coarse: start at the bounding sphere
         to_sphere = -np.einsum("ij,ij->i", positions, towards) - self._radius
         start = np.maximum(to_sphere, self._contact)
         origins = positions + towards * start[:, None]
@@ -121,10 +121,10 @@ class Embree(VisibilityQuery):
             visible[again] = (hits == -1) | (hits == own[again])
         return visible
 
-    def _cast(self, origins: FloatArray, directions: FloatArray, reach: FloatArray) -> IntArray:
-        """The nearest face that each ray meets within its reach, -1 for none."""
+    def _cast(self, origins: FloatArray, directions: FloatArray, lengths: FloatArray) -> IntArray:
+        """Return the nearest face that each ray meets within its length, -1 for none."""
         return np.asarray(
-            self._scene.run(origins.astype(np.float32), directions.astype(np.float32), dists=reach.astype(np.float32))
+            self._scene.run(origins.astype(np.float32), directions.astype(np.float32), dists=lengths.astype(np.float32))
         )
 
     def _release(self) -> None:

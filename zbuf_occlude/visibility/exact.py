@@ -1,4 +1,4 @@
-"""`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
+"""`exact`: exact image-space visibility on the CPU, with the oracle's answers."""
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import check_fraction
@@ -8,18 +8,18 @@ from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuer
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
-    """Make a mesh ready; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
+    """Prepare a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
     check_fraction("contact", contact)
     return Exact(mesh, contact)
 
 
 class Exact(VisibilityQuery):
-    """Packets of points against leaves of faces, both projected: float32 where it is certain, else the definition."""
+    """Projected packets of points against projected leaves of faces, in float32 where certain, else in float64."""
 
-    _measures_directions = True  # as its threads come to them
+    _rescales_directions = True  # its threads check lengths as they process the rays
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
-        from zbuf_occlude.exact import Engine  # late: its options are looked at where nothing is computed
+        from zbuf_occlude.exact import Engine  # late: listing the options must not import numba
 
         super().__init__(mesh)
         self._engine = Engine(mesh, contact * mesh.diagonal)

@@ -1,4 +1,4 @@
-"""`exact_gl`: image space made exact on the GPU, an irregular z-buffer in OpenGL compute shaders."""
+"""`exact_gl`: exact image-space visibility on the GPU, an irregular z-buffer in OpenGL compute shaders."""
 
 from typing import Any
 
@@ -14,33 +14,33 @@ from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 
 def prepare(mesh: Mesh, *, gl: Any, contact: float = CONTACT) -> "ExactGl":
-    """Put a mesh on the GPU of a context, `gl`; `contact` is the contact tolerance as a fraction of the diagonal."""
+    """Upload a mesh to the GPU of context `gl`; `contact` is the contact tolerance as a fraction of the diagonal."""
     check_fraction("contact", contact)
     return ExactGl(mesh, gl, contact)
 
 
 class ExactGl(VisibilityQuery):
-    """An irregular z-buffer: the samples lay out the screen, so it has no resolution.
+    """Irregular z-buffer: the samples define the positions on the screen, so it has no resolution.
 
     Notes
     -----
-    Exact, for any eye, inside the bounding sphere and close to the surface too, and any mesh. A sign that float32 might
-    get wrong (by a bound on all roundings, the inputs' included) is computed in float64. A pair whose sign float64
-    might get wrong comes back undecided, as one more bit; `exact` on the CPU decides it. `n_undecided` counts these
+    Exact for any mesh and any eye, also inside the bounding sphere and close to the surface. A sign that float32 might
+    get wrong (by a bound on all roundings, including the inputs') is computed in float64. A pair whose sign float64
+    might get wrong is reported as undecided by an extra bit; `exact` on the CPU decides it. `n_undecided` counts these
     pairs: lines of sight within rounding of an edge or in a face's plane, and those of points far away.
 
-    Points are cut along a space-filling curve into packets. For each packet and eye the faces between the two are
-    listed and each point tests them; nothing is binned for a whole screen, so nothing can overflow, and faces of any
-    size go together. On closed meshes of 19,000 faces a packet of 64 out of a million points looks at some 160 boxes
-    and 130 faces and tests 30 of them; in the worst case, where all faces lie behind each other, it is all of them.
-    The last points asked about stay on the GPU. Memory: `zbuf_occlude.gl.exact_pass.ExactPass`. Made for GPUs; on a
+    Points are divided into packets along a space-filling curve. For each packet and eye the faces between the two are
+    listed, and each point tests them. Nothing is binned for a whole screen, so no list can overflow, and faces of any
+    size are treated alike. On closed meshes of 19,000 faces a packet of 64 out of a million points tests some 160
+    boxes and 130 faces, and 30 faces point by point. In the worst case, all faces behind each other, it tests all.
+    The last points stay on the GPU. For memory see `zbuf_occlude.gl.exact_pass.ExactPass`. Designed for GPUs; with a
     software rasteriser `exact` is far faster.
 
     References
     ----------
     Johnson, Lee, Burns, Mark: The irregular z-buffer. ACM Transactions on Graphics 24 (2005),
     doi:10.1145/1095878.1095889.
-    Departure: packets of points with a screen each instead of one grid of lists for all; compute instead of raster.
+    Departure: a screen for each packet of points instead of one grid of lists; compute shaders instead of rasterising.
     """
 
     def __init__(self, mesh: Mesh, gl: Any, contact: float) -> None:
@@ -55,7 +55,7 @@ class ExactGl(VisibilityQuery):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
-        if self._last is None or self._last[0] is not points:  # points are immutable: the same ones are there still
+        if self._last is None or self._last[0] is not points:  # points are immutable: the last ones are still valid
             self._forget()
             self._last = points, self._pass.upload(points.positions, points.face_ids)
         answer, undecided = self._pass.visible(self._last[1], eyes)

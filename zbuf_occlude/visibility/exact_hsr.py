@@ -1,4 +1,4 @@
-"""`exact_hsr`: the paper's exact HSR (section 3.5). Every sampled point against all faces, by the paper's formulas."""
+"""`exact_hsr`: the paper's exact HSR (section 3.5), every point against all faces by the paper's formulas."""
 
 import numpy as np
 
@@ -17,20 +17,20 @@ CULLS = ("none", "first", "second")
 def prepare(
     mesh: Mesh, *, cull: str = "none", n_samples: int = 10_000, seed: int = 0, contact: float = CONTACT
 ) -> "ExactHsr":
-    """Make a mesh ready for the paper's exact HSR.
+    """Prepare a mesh for the paper's exact HSR.
 
     Parameters
     ----------
     mesh : Mesh
     cull : {"none", "first", "second"}
-        Which suggestion of section 3.6 excludes far faces: by the distance of their planes, or of points sampled on
+        Suggestion of section 3.6 that excludes far faces: by the distance of their planes, or of points sampled on
         them. "second" is faster and no longer exact.
     n_samples : int
-        For "second": about how many points are sampled on the mesh; every face gets one at least.
+        Approximate number of points sampled on the mesh for "second"; every face gets at least one.
     seed : int
-        For "second": of that sampling.
+        Seed of that sampling.
     contact : float
-        The contact tolerance as a fraction of the mesh's diagonal.
+        Contact tolerance as a fraction of the mesh's diagonal.
 
     Raises
     ------
@@ -50,17 +50,18 @@ class ExactHsr(VisibilityQuery):
     Attributes
     ----------
     n_tests : (k,) int64
-        How many pairs of point and face the latest `visible` tested from each eye (`hidden_points`).
+        Number of pairs of point and face that the latest `visible` tested from each eye (`hidden_points`).
 
     Notes
     -----
-    With ``cull="none"`` and ``cull="first"`` equal to `oracle` outside the boundary band, by another formulation in
-    float64: a line may leak within rounding of an edge or corner. With ``cull="second"`` points may be taken for
-    visible that a face hides whose nearest sample is farther than they are (`zbuf_occlude.object_space.distances`).
+    With ``cull="none"`` and ``cull="first"`` the answers equal those of `oracle` outside the boundary band, by another
+    formulation in float64: a line may leak within rounding of an edge or corner. With ``cull="second"`` a hidden point
+    is taken for visible if the nearest sample of the hiding face is farther than the point
+    (`zbuf_occlude.object_space.distances`).
 
-    O(k n f) time, as the paper's; all cores share the points, as in `oracle`. The rounding bounds of
-    `zbuf_occlude.object_space.planes` grow with the thinness of a face: around slivers thinner than 1e-10 of their
-    length it may hide points farther from them than the boundary band is wide.
+    O(k n f) time, as in the paper; all cores share the points. The rounding bounds of
+    `zbuf_occlude.object_space.planes` grow with the thinness of a face: a sliver thinner than 1e-10 of its length may
+    hide points farther from it than the boundary band is wide.
 
     References
     ----------
@@ -70,7 +71,7 @@ class ExactHsr(VisibilityQuery):
     def __init__(self, mesh: Mesh, cull: str, n_samples: int, seed: int, contact: float) -> None:
         super().__init__(mesh)
         self._contact = contact * mesh.diagonal
-        self._planes = FacePlanes.of(mesh)
+        self._planes = FacePlanes.from_mesh(mesh)
         self._face_labels = np.arange(len(mesh.faces), dtype=np.int32)[:, None]
         self._distances: Distances | None = None
         if cull == "first":
@@ -83,10 +84,10 @@ class ExactHsr(VisibilityQuery):
         answer = np.empty((len(eyes), len(points)), dtype=bool)
         n_tests = np.zeros(len(eyes), dtype=np.int64)
         for j, eye in enumerate(eyes):
-            distances = NO_DISTANCES if self._distances is None else self._distances.of(eye)
+            distances = NO_DISTANCES if self._distances is None else self._distances.from_eye(eye)
             hidden, n_tests[j] = hidden_points(
                 self._planes, self._face_labels, points.positions, points.face_ids, eye, self._contact, distances
             )
             answer[j] = ~hidden
-        self.n_tests = n_tests  # at once: other threads may be asking
+        self.n_tests = n_tests  # assigned once, since several threads may use this query
         return answer

@@ -1,4 +1,4 @@
-"""`hidden_point_removal`: Katz et al. 2007 through Open3D, what many users do today. It never looks at the faces."""
+"""`hidden_point_removal`: the method of Katz et al. 2007 through Open3D. It does not use the faces."""
 
 from importlib import import_module
 
@@ -12,27 +12,27 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 GROWTH = 200.0
-"""Radius by default, per squared distance of the farthest point, all in diagonals. What one point hides behind it
-begins at a depth of about radius * spacing^2 / distance^2, so this keeps it the same from near and far. Of 30, 100,
-300, 1000 the best values on six ModelNet meshes were 100, 300 and 1000 at 2,000, 10,000 and 40,000 points (0.79, 0.85
-and 0.89 of the answers right); no one value suits all densities."""
+"""Default radius per squared distance of the farthest point, all in diagonals. A point hides others from a depth of
+about radius * spacing^2 / distance^2 behind it, so this factor makes that depth independent of the distance. Among 30,
+100, 300 and 1000 the best values on six ModelNet meshes were 100, 300 and 1000 at 2,000, 10,000 and 40,000 points (79,
+85 and 89 % correct answers); no single value suits all densities."""
 
-AT_THE_EYE = 1e-150
-"""Distance in diagonals within which a point is where the eye is. Its square is 0, and Open3D 0.20 divides by it: the
-process ends by a segmentation fault, or all points of the view are taken for visible."""
+MIN_DISTANCE = 1e-150
+"""Distance, in diagonals, up to which a point counts as being at the eye. Its square is 0, by which Open3D 0.20
+divides: the process ends with a segmentation fault, or all points of the view count as visible."""
 
 
 def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
-    """Make ready to remove hidden points by spherical flipping and a convex hull.
+    """Prepare hidden point removal by spherical flipping and a convex hull.
 
     Parameters
     ----------
     mesh : Mesh
         Only its diagonal is used.
     radius : float, optional
-        Radius of the flipping sphere in diagonals of the mesh's bounding box (Open3D's tutorial takes 100). Larger
-        keeps more points: visible ones are lost when it is small, hidden ones kept when it is large. By default
-        `GROWTH` times the square of the distance to the farthest point, for each eye.
+        Radius of the flipping sphere in diagonals of the mesh's bounding box (Open3D's tutorial uses 100). A small
+        radius loses visible points, a large one keeps hidden points. By default `GROWTH` times the squared distance of
+        the farthest point, for each eye.
 
     Raises
     ------
@@ -47,16 +47,15 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
 
 
 class HiddenPointRemoval(VisibilityQuery):
-    """The points that lie on the convex hull of the flipped cloud and the eye are visible.
+    """Visibility of points as membership in the convex hull of the flipped cloud and the eye.
 
     Notes
     -----
-    Not exact: the answer for a point depends on what other points are asked with it, and a thin cloud hides nothing.
-    Fewer than three points, or points that all lie in one plane with the eye, have no hull in space; all of them are
-    then taken for visible, as are points at the eye itself. The sphere is never smaller than the farthest point's
-    distance.
+    Not exact: the answer for a point depends on the other points of the call, and a thin cloud hides nothing. Fewer
+    than three points, or points in one plane with the eye, have no hull in space and are all taken for visible, as are
+    points at the eye. The radius of the sphere is at least the distance of the farthest point.
 
-    O(n log n) a view, on one core.
+    O(n log n) per view, on one core.
 
     References
     ----------
@@ -68,18 +67,18 @@ class HiddenPointRemoval(VisibilityQuery):
         super().__init__(mesh)
         self._radius = radius
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
-        with importing("open3d", "method 'hidden_point_removal'"):  # late: the table must be listed without it
+        with importing("open3d", "method 'hidden_point_removal'"):  # late: listing the table must not need it
             self._open3d = import_module("open3d")
-            _ = self._open3d.geometry  # an empty package is imported too
+            _ = self._open3d.geometry  # fails for an empty package, which can be imported
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)
         for row, eye in zip(answer, eyes, strict=True):
-            # in diagonals and with the eye at the origin, neither scale nor place matters
+            # in diagonals and relative to the eye, so that neither scale nor position matters
             relative = (points.positions - eye) / self._unit
             distances = np.linalg.norm(relative, axis=1)
-            apart = np.flatnonzero(distances > AT_THE_EYE)
-            row[distances <= AT_THE_EYE] = True
+            apart = np.flatnonzero(distances > MIN_DISTANCE)
+            row[distances <= MIN_DISTANCE] = True
             if len(apart) == 0:
                 continue
             farthest = float(distances.max())

@@ -1,4 +1,4 @@
-"""What every method is: made ready for one mesh, then asked what eyes see, or what rays meet first."""
+"""Interface of all methods: prepared for one mesh, a query answers what eyes see and what rays meet first."""
 
 import inspect
 import warnings
@@ -25,32 +25,32 @@ CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
 
 _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int, float, np.integer, np.floating)}
-"""Of options' values; a bool is an int too, and so comes first."""
+"""Option types. `bool` precedes `int` because it is a subclass of it."""
 
-FARTHEST = 1e15
-"""Diagonals of the mesh that points and eyes may be away from it."""
+MAX_DIAGONALS = 1e15
+"""Largest accepted distance of points and eyes from the mesh, in mesh diagonals."""
 
 EYES_INSIDE = (
     "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
     "views.around(mesh.centre, mesh.longest_side)."
 )
-"""What `VisibilityQuery.visible` warns of."""
+"""Warning of `VisibilityQuery.visible` about eyes inside the mesh's bounding box."""
 
 
-def cure_of(far: FarFaces, mesh: Mesh) -> str:
-    """Say what far faces do to the contact tolerance, and what to do."""
+def contact_advice(far: FarFaces, mesh: Mesh) -> str:
+    """Return sentences on the effect of far faces on the contact tolerance, and the remedy."""
     return (
-        f"They make the contact tolerance {CONTACT * mesh.diagonal / far.size:.2g} of the others' size, so that what "
-        f"hides is missed. Remove them, or give contact={CONTACT * far.size / mesh.diagonal:.2g} to `exact` or another "
-        "method that has it."
+        f"They make the contact tolerance {CONTACT * mesh.diagonal / far.size:.2g} of the others' size, so that "
+        f"occlusion is missed. Remove them, or give contact={CONTACT * far.size / mesh.diagonal:.2g} to `exact` or "
+        "another method that has it."
     )
 
 
 class FirstHits(NamedTuple):
-    """What n rays meet first.
+    """First hits of n rays.
 
-    face_ids : (n,) int32, index into ``mesh.faces``; -1 where a ray meets nothing
-    distances : (n,) float64, eye distance from the ray's origin, world units; infinity where it meets nothing
+    face_ids : (n,) int32, index into ``mesh.faces``; -1 for a ray that meets nothing
+    distances : (n,) float64, distance from the ray's origin, world units; infinity for a ray that meets nothing
     """
 
     face_ids: IntArray
@@ -58,26 +58,23 @@ class FirstHits(NamedTuple):
 
 
 class VisibilityQuery(ABC):
-    """A mesh made ready to answer line-of-sight questions. Use it as a context manager, or call `close`.
+    """Mesh prepared for line-of-sight questions. Use it as a context manager, or call `close`.
 
-    A method subclasses this, implements `_visible`, `_first_hits` if it can cast rays (its row in the table says why
-    where it cannot) and, when it holds resources, `_release`.
+    A method subclasses this and implements `_visible`. It implements `_first_hits` if it can cast rays; otherwise its
+    row in the table states the reason. It implements `_release` if it holds resources.
     """
 
-    _measures_directions = False
-    """Whether `_first_hits` takes directions of any length, and calls `rescale_directions` where it must, itself."""
+    _rescales_directions = False
+    """True if `_first_hits` takes directions of any length and calls `rescale_directions` itself."""
     renderer = "none"
-    """GL_RENDERER of what answers; "none" where no GL is involved."""
+    """GL_RENDERER of the context in use; "none" without OpenGL."""
     tolerance = 0.0
-    """How near to each other, in world units, sheets are taken for one beyond the contact tolerance; 0: never."""
-    warns = True
-    """Whether `visible` warns of eyes inside the bounding box, and of far faces (`geometry.far_faces`)."""
-    contact_given = False
-    """Whether the caller chose the contact tolerance, so that far faces are no reason to warn."""
+    """Distance, in world units, below which two sheets are taken for one, apart from the contact tolerance; 0: none."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._closed = False
+        self._warns_of_eyes = self._warns_of_far_faces = False
 
     def __repr__(self) -> str:
         state = ", closed" if self._closed else ""
@@ -85,19 +82,19 @@ class VisibilityQuery(ABC):
 
     @final
     def visible(self, points: SurfacePoints, eyes: ArrayLike | Views) -> BoolArray:
-        """Answer which points each eye sees.
+        """Return which points each eye sees.
 
         Parameters
         ----------
         points : SurfacePoints
             n points, world space; ``face_ids`` index ``mesh.faces``.
         eyes : (k, 3) float, (3,) float, or Views
-            Centres of projection, world space; anywhere but on the surface. What lies outside the pictures of Views
-            that have some (`Views.windows`) is hidden.
+            Centres of projection, world space; anywhere but on the surface. Points outside the pictures of Views with
+            a field of view (`Views.windows`) are hidden.
 
         Returns
         -------
-        (k, n) bool, True = visible; (n,) of one eye (3,).
+        (k, n) bool, True = visible; (n,) for one eye (3,).
 
         Raises
         ------
@@ -107,7 +104,8 @@ class VisibilityQuery(ABC):
         Warns
         -----
         UserWarning
-            Eyes lie inside the mesh's bounding box, and amid the points.
+            Eyes lie inside the mesh's bounding box and among the points, or few faces lie far from all others and so
+            enlarge the contact tolerance. Each is given once per query that was prepared with ``warn=True``.
         """
         self._check_open()
         if not isinstance(points, SurfacePoints):
@@ -122,12 +120,12 @@ class VisibilityQuery(ABC):
         if eyes.shape == (3,):
             return self.visible(points, eyes[None])[0]
         eyes = as_vectors(eyes, "eyes")
-        reach = FARTHEST * (self.mesh.diagonal or np.inf)  # of a mesh that is but a point everything is as far
+        limit = MAX_DIAGONALS * (self.mesh.diagonal or np.inf)  # a mesh of zero size has no scale: accept any distance
         for name, positions in (("points", points.positions), ("eyes", eyes)):
-            if len(positions) and not are_within(self.mesh, positions, reach):
+            if len(positions) and not are_within(self.mesh, positions, limit):
                 raise ArgumentError(
-                    f"{name} must lie within {FARTHEST:g} diagonals of the mesh, beyond which float64 cannot tell its "
-                    f"faces apart; one is {np.abs(positions).max():.3g} out. Are they in the mesh's unit?"
+                    f"{name} must lie within {MAX_DIAGONALS:g} diagonals of the mesh, up to which answers are tested; "
+                    f"one is {np.abs(positions).max():.3g} out. Are they in the mesh's unit?"
                 )
         if len(points) and int(points.face_ids.max()) >= len(self.mesh.faces):
             raise ArgumentError(
@@ -136,14 +134,15 @@ class VisibilityQuery(ABC):
             )
         if len(eyes) == 0 or len(points) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
-        if self.warns and len(near := eyes[self.mesh.in_box(eyes)]):
-            low, high = points.positions.min(axis=0), points.positions.max(axis=0)  # of a scene its target, perhaps
+        if self._warns_of_eyes and len(near := eyes[self.mesh.in_box(eyes)]):
+            low, high = points.positions.min(axis=0), points.positions.max(axis=0)  # perhaps one object of a scene
             if ((near > low) & (near < high)).all(axis=1).any():
+                self._warns_of_eyes = False
                 warnings.warn(EYES_INSIDE, stacklevel=2)
-        if self.warns and not self.contact_given:
-            self.contact_given = True  # once is enough
+        if self._warns_of_far_faces:
+            self._warns_of_far_faces = False
             if far := far_faces(self.mesh):
-                warnings.warn(f"{far.said(self.mesh)}. {cure_of(far, self.mesh)}", stacklevel=2)
+                warnings.warn(f"{far.summary(self.mesh)}. {contact_advice(far, self.mesh)}", stacklevel=2)
         return self._visible(points, eyes)
 
     @abstractmethod
@@ -151,8 +150,13 @@ class VisibilityQuery(ABC):
         """Answer for checked arguments with at least one point and one eye; (k, n) bool."""
 
     @final
+    def warn_once(self, *, far_faces: bool) -> None:
+        """Let `visible` warn, once each, of eyes inside the bounding box and, if asked, of far faces."""
+        self._warns_of_eyes, self._warns_of_far_faces = True, far_faces
+
+    @final
     def first_hits(self, origins: ArrayLike, directions: ArrayLike) -> FirstHits:
-        """Answer which face each ray meets first, and how far away.
+        """Return the first face that each ray meets, and its distance.
 
         Parameters
         ----------
@@ -172,7 +176,7 @@ class VisibilityQuery(ABC):
         ArgumentError
             Arrays of the wrong shape or type, not finite, too large, of different lengths, or a direction of length 0.
         UnavailableError
-            The method casts no rays.
+            The method cannot cast rays.
         """
         self._check_open()
         origins, directions = as_vectors(origins, "origins"), as_triples(directions, "directions")
@@ -182,36 +186,35 @@ class VisibilityQuery(ABC):
             )
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
-        return self._first_hits(origins, directions if self._measures_directions else rescale_directions(directions))
+        return self._first_hits(origins, directions if self._rescales_directions else rescale_directions(directions))
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         """Answer for checked arguments with at least one ray; `origins` is (n, 3), or (1, 3) for all rays.
 
-        Directions are of usual length (`arrays.SHORTEST`) but for a method that measures them.
+        Directions have safe norms (`arrays.have_safe_norms`) unless `_rescales_directions` is True.
         """
         raise UnavailableError(
-            f"first_hits must be asked of a method that casts rays; {type(self).__name__} does not. "
-            "`zbuf-occlude methods` lists those that do."
+            f"{type(self).__name__} cannot cast rays. `zbuf-occlude methods` lists the methods that can."
         )
 
     @final
     def check_is_of(self, mesh: Mesh) -> None:
-        """Raise ArgumentError unless this was prepared of a mesh, or of one with the same vertices and faces."""
+        """Raise ArgumentError unless this was prepared for `mesh`, or for one with the same vertices and faces."""
         mine = self.mesh
         if mine is not mesh and not (
             np.array_equal(mine.faces, mesh.faces) and np.array_equal(mine.vertices, mesh.vertices)
         ):
             raise ArgumentError(
-                f"occluder must be of the mesh that is asked about, {mesh!r}; it is of {mine!r}. Prepare that one."
+                f"occluder must be prepared for the mesh in question, {mesh!r}; it is for {mine!r}. Prepare that one."
             )
 
     def _check_open(self) -> None:
         if self._closed:
-            raise ArgumentError("the occluder must be open; it was closed. Prepare the mesh again.")
+            raise ArgumentError("This visibility query is closed. Call prepare() again.")
 
     @final
     def close(self) -> None:
-        """Release what the occluder holds; calling it again does nothing."""
+        """Release the query's resources; calling it again does nothing."""
         if not self._closed:
             self._closed = True
             self._release()
@@ -228,7 +231,7 @@ class VisibilityQuery(ABC):
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the table of methods. Its module is imported when the method is used, not before.
+    """Row of the table of methods. Its module is imported when the method is first used.
 
     Parameters
     ----------
@@ -238,16 +241,16 @@ class Method:
     factory : str
         ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
     exact : bool
-        Whether it answers as rational arithmetic does, for every line.
+        True if its answers are those of rational arithmetic, for every line.
     needs_gl : bool
     needs_faces : bool
-        Whether it looks at the mesh's faces; one that does not can be prepared with a point cloud.
+        True if it uses the mesh's faces; a method that does not can be prepared with a point cloud.
     extra : str
-        The optional dependency it needs, "" for none; `requires` is the package to import.
+        Optional dependency that it needs, "" for none; `requires` is the package to import.
     libraries : tuple of str
-        What the package links to on Linux and does not bring.
-    no_first_hits : str
-        Why it cannot answer `VisibilityQuery.first_hits`; "" for a method that can.
+        Libraries that the package links to on Linux and does not include.
+    ray_casting_unsupported_reason : str
+        Reason why it cannot answer `VisibilityQuery.first_hits`; "" for a method that can.
     """
 
     name: str
@@ -259,12 +262,12 @@ class Method:
     extra: str = ""
     requires: str = ""
     libraries: tuple[str, ...] = ()
-    no_first_hits: str = ""
+    ray_casting_unsupported_reason: str = ""
 
     def missing(self) -> str:
-        """Say why the method cannot run here; empty when nothing is known to be missing.
+        """Return the reason why the method cannot run here; "" if nothing is known to be missing.
 
-        Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
+        Nothing is imported or opened: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
         return missing(self.requires, *self.libraries) if self.requires else ""
 
@@ -284,19 +287,19 @@ class Method:
         return prepare
 
     def options(self) -> dict[str, Any]:
-        """Return the method's options and their defaults, read off its prepare function."""
+        """Return the method's options and their defaults, from the signature of its prepare function."""
         return dict(_options_of(self.load()))
 
     def check_first_hits(self) -> None:
         """Raise OptionError when the method cannot answer `VisibilityQuery.first_hits`."""
-        if self.no_first_hits:
+        if self.ray_casting_unsupported_reason:
             raise OptionError(
-                f"the method must cast rays; {self.name} does not: {self.no_first_hits}. "
+                f"the method must cast rays; {self.name} does not: {self.ray_casting_unsupported_reason}. "
                 "`zbuf-occlude methods` lists those that do."
             )
 
     def check_options(self, options: dict[str, Any]) -> None:
-        """Raise OptionError for an option the method does not have, or a value of another kind than its default."""
+        """Raise OptionError for an unknown option of the method, or a value of another type than its default."""
         known = self.options()
         for name, value in options.items():
             if name not in known:
@@ -304,7 +307,7 @@ class Method:
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
                     f"got {name!r}.{did_you_mean(name, known)}"
                 )
-            kind = _kind(known[name]) or "a number"  # that is meant where the default is None
+            kind = _kind(known[name]) or "a number"  # an option with default None takes a number
             if _kind(value) != kind and not (value is None and known[name] is None):
                 raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {shown(value)}.")
 
@@ -316,7 +319,7 @@ def _options_of(prepare: Callable[..., VisibilityQuery]) -> Mapping[str, Any]:
 
 
 def as_eyes(eyes: ArrayLike) -> FloatArray:
-    """Return eyes as (k, 3), of one (3,) too; raise ArgumentError for what are none."""
+    """Return eyes as (k, 3), also a single eye (3,); raise ArgumentError for anything else."""
     return as_vectors(np.atleast_2d(as_array(eyes, "eyes", "(k, 3) float")), "eyes")
 
 
@@ -326,14 +329,14 @@ def check_count(name: str, value: Any, least: int, most: int, unit: str) -> None
         raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {shown(value)}.")
 
 
-def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:
-    """Whether positions (n, 3) are at most `reach` from the mesh's centre along each axis."""
+def are_within(mesh: Mesh, positions: FloatArray, limit: float) -> bool:
+    """Return whether positions (n, 3) are within `limit` of the mesh's centre along each axis."""
     lowest, highest = mesh.centre.min(), mesh.centre.max()
-    if max(positions.max() - lowest, highest - positions.min()) <= reach:
-        return True  # nearly always, and told without a copy
-    return bool(np.abs(positions - mesh.centre).max() <= reach)
+    if max(positions.max() - lowest, highest - positions.min()) <= limit:
+        return True  # nearly always, and without a copy
+    return bool(np.abs(positions - mesh.centre).max() <= limit)
 
 
 def _kind(value: Any) -> str:
-    """Say what kind of thing an option's value is; "" for what none can be."""
+    """Return the name of an option value's type; "" for a type that no option has."""
     return next((kind for kind, types in _KINDS.items() if isinstance(value, types)), "")

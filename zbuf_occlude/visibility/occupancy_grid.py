@@ -1,4 +1,4 @@
-"""`occupancy_grid`: occluded cells of a grid instead of occluded points (paper 3.6, third suggestion)."""
+"""`occupancy_grid`: occlusion of grid cells instead of points (paper 3.6, third suggestion)."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid
 from zbuf_occlude.visibility.interface import VisibilityQuery, check_count
 
-LARGEST = 512
-"""The finest grid: 128 MiB of cells, and 512 MiB while points are asked."""
+MAX_SIDE_CELLS = 512
+"""Maximum cells along a side: the grid then takes 128 MiB, and 512 MiB during a query."""
 
 
 def prepare(
@@ -24,20 +24,20 @@ def prepare(
     n : int
         Cells along a side of the grid; the paper uses 32 and 64.
     n_samples : int
-        How many points are sampled on the mesh; the cells that contain one are occupied. 1e5 as in the paper's Fig. 7.
-        Too few for a fine grid leave holes.
+        Number of points sampled on the mesh; a cell that contains one is occupied. The paper's Fig. 7 uses 1e5. Too few
+        for a fine grid leave holes.
     seed : int
-        Of that sampling.
+        Seed of that sampling.
     touching, run : int
-        What is a cell's own surface, as in `OccupancyGrid`: the paper does not say, docs/object_space.md has what was
-        tried.
+        Extent of a cell's own surface, as in `OccupancyGrid`. The paper does not define it; docs/object_space.md lists
+        measured choices.
 
     Raises
     ------
     OptionError
         A value is out of range.
     """
-    check_count("n", n, 2, LARGEST, "cells along a side")
+    check_count("n", n, 2, MAX_SIDE_CELLS, "cells along a side")
     check_int("n_samples", n_samples, 1)
     check_int("seed", seed, 0)
     check_int("touching", touching, 0)
@@ -47,25 +47,25 @@ def prepare(
 
 
 class OccupancyGridOccluder(VisibilityQuery):
-    """One line of sight from each cell that holds an asked point; a point takes its cell's answer.
+    """One line of sight from each cell that contains a point in question; a point takes its cell's answer.
 
     Attributes
     ----------
     grid : OccupancyGrid
-        With the definition of when a cell occludes a cell.
+        Its documentation defines when a cell occludes a cell.
     n_lines : int
-        How many lines of sight the latest `visible` walked from each eye.
+        Number of lines of sight that the latest `visible` followed from each eye.
 
     Notes
     -----
-    Not exact, and by far: a quarter to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
-    Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and some of
-    what is seen at a grazing angle is hidden by its own surface.
+    Far from exact: a quarter to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
+    Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and a surface seen
+    at a grazing angle partly hides itself.
 
-    A point outside the grid, which no point on the mesh is, walks a line of its own.
+    A point outside the grid, which is never on the mesh, has its own line of sight.
 
-    The grid is made once per mesh, O(n_samples); a view costs O(cells n + points), where the cells are at most the
-    occupied ones, however many the points are. All cores share the cells, as in `oracle`.
+    The grid is made once per mesh, O(n_samples). A view costs O(cells n + points), with at most as many cells as are
+    occupied, whatever the number of points. All cores share the cells.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""`oracle`: the reference. Every point and every ray against every face, by the definition itself."""
+"""`oracle`: the reference, every point and every ray against every face, by the definition."""
 
 import math
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import blocks, is_nearer, passes, ray_triangle_t
@@ -20,15 +20,15 @@ RUN = 64
 """Faces tested per vectorised step."""
 
 SLANT = 5.0
-"""A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
-79 degrees, and no silhouette."""
+"""Distance from the point, in units of the shift, within which a face that blocks the shifted line is taken for the
+point's own surface, slanted by up to 79 degrees, and not for a silhouette."""
 
 BAND = 1e-6
 """Default width of the boundary band, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Oracle":
-    """Make the oracle of a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
+    """Prepare a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
     check_fraction("contact", contact)
     return Oracle(mesh, contact)
 
@@ -58,7 +58,7 @@ class Oracle(VisibilityQuery):
         return FirstHits(face_ids, distances)
 
     def decided(self, points: SurfacePoints, eyes: FloatArray, width: float = BAND) -> BoolArray:
-        """Say where the answer does not hang on a hair; what is not decided is the boundary band.
+        """Return where the answer is stable; the rest lie in the boundary band.
 
         Parameters
         ----------
@@ -67,13 +67,13 @@ class Oracle(VisibilityQuery):
         eyes : (k, 3) float
             World space.
         width : float
-            As a fraction of the mesh's diagonal.
+            Width of the band as a fraction of the mesh's diagonal.
 
         Returns
         -------
         (k, n) bool
-            True where the answer stays the same with the point's end of the line moved by `width` in eight directions
-            across it, and with the contact tolerance halved and doubled (docs/conventions.md).
+            True if the answer stays the same when the point's end of the line is moved by `width` in eight directions
+            across it, and when the contact tolerance is halved or doubled (docs/conventions.md).
         """
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
@@ -84,7 +84,7 @@ class Oracle(VisibilityQuery):
         return still
 
     def silhouette_distance(self, points: SurfacePoints, eyes: FloatArray, widths: FloatArray) -> FloatArray:
-        """Say how far across the line of sight the answer first changes: the distance from the nearest silhouette.
+        """Return the shift across the line of sight at which the answer first changes: the silhouette's distance.
 
         Parameters
         ----------
@@ -93,21 +93,21 @@ class Oracle(VisibilityQuery):
         eyes : (k, 3) float
             World space.
         widths : (w,) float
-            As fractions of the mesh's diagonal, positive, in any order.
+            Shifts as fractions of the mesh's diagonal, positive, in any order.
 
         Returns
         -------
         (k, n) float64
-            The smallest of `widths` by which the point's end of the line, moved in one of eight directions across it,
-            gets another answer; infinity where none does. As fractions of the mesh's diagonal. A visible point's line,
-            once moved, is blocked only by faces farther than `SLANT` widths from the point.
+            Smallest of `widths` for which the answer changes when the point's end of the line is moved in one of eight
+            directions across it; infinity if none does. As fractions of the mesh's diagonal. The moved line of a
+            visible point is blocked only by faces farther than `SLANT` widths from the point.
 
         Notes
         -----
-        Without `SLANT` the faces beside a point's own would hide the moved end on every surface that is seen at a
-        slant: of a ball of 9,000 faces a quarter would be within 1e-3 of a silhouette, where a twelfth is.
+        Without `SLANT` the neighbours of a point's own face would hide the moved end on every slanted surface: a
+        quarter of a ball of 9,000 faces would be within 1e-3 of a silhouette, where a twelfth is.
 
-        Up to 8 w times the cost of `visible`; a pair that has its distance is not asked again.
+        Up to 8 w times the cost of `visible`; a pair whose distance is known is not tested again.
         """
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
@@ -125,7 +125,7 @@ class Oracle(VisibilityQuery):
     def _still(
         self, points: SurfacePoints, eyes: FloatArray, answer: BoolArray, width: float, contact: float
     ) -> BoolArray:
-        """Where the answer stays with the point's end of the line moved by `width` in eight directions across it."""
+        """Return where the answer stays when the point's end of the line moves by `width` in eight directions."""
         still = np.ones_like(answer)
         for shift in _across(points.positions[None] - eyes[:, None], width * self.mesh.diagonal):
             still &= _visible(self.mesh, points.face_ids, points.positions + shift, eyes, contact) == answer
@@ -133,21 +133,20 @@ class Oracle(VisibilityQuery):
 
 
 def _across(lines: FloatArray, length: float) -> Iterator[FloatArray]:
-    """Eight vectors of a length, all round across each of the lines; (..., 3) each."""
-    unit = lines / np.maximum(np.linalg.norm(lines, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
+    """Yield eight vectors of a length, evenly spaced around and perpendicular to each line; (..., 3) each."""
+    unit = unit_vectors(lines)
     least = np.eye(3)[np.abs(unit).argmin(axis=-1)]
-    across = np.cross(unit, least)
-    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
+    across = unit_vectors(np.cross(unit, least))
     upwards = np.cross(unit, across)
     for angle in np.arange(8) * (np.pi / 4.0):
         yield length * (np.cos(angle) * across + np.sin(angle) * upwards)
 
 
 class _Runs(NamedTuple):
-    """The faces of a mesh in m runs of `RUN`; the last one filled up by repeating its last face."""
+    """Faces of a mesh in m runs of `RUN`; the last run is padded by repeating the last face."""
 
     corners: FloatArray  # (m, 9, RUN)
-    boxes: FloatArray  # (m, 6) lower and upper corners of what each holds
+    boxes: FloatArray  # (m, 6) lower and upper corner of each run's box
 
 
 def _runs_of(mesh: Mesh) -> _Runs:
@@ -159,7 +158,7 @@ def _runs_of(mesh: Mesh) -> _Runs:
 
 
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
-    """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
+    """Return the answers (k, n) for targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
     parallel_for(_look, len(own), mesh.corners, _runs_of(mesh), own, targets, eyes, contact, answer)
     return answer
@@ -167,7 +166,7 @@ def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, c
 
 @parallel_kernel
 def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
-    """Take point after point, and for each eye ask the definition of every face."""
+    """Test the line of sight from each eye to each point against every face."""
     i = next_task(tasks)
     while i < len(own):
         for j in range(len(eyes)):
@@ -190,7 +189,7 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
 
 @parallel_kernel
 def _meet(tasks, runs, corners, origins, directions, face_ids, distances):
-    """Take ray after ray, and ask the definition of every face."""
+    """Test each ray against every face."""
     i = next_task(tasks)
     while i < len(directions):
         origin, direction = _triple(origins[i if len(origins) > 1 else 0]), _triple(directions[i])
@@ -233,7 +232,7 @@ def _most(a, b):
 
 @device_function
 def _are_apart(box, low, high):
-    """Whether a box, (6,) low and high, and that of a segment have no place in common."""
+    """Return whether a box, (6,) low and high, is disjoint from the box of a segment."""
     apart = False
     for axis in range(3):
         apart |= (box[axis] > high[axis]) | (box[3 + axis] < low[axis])
@@ -242,7 +241,7 @@ def _are_apart(box, low, high):
 
 @device_function
 def _may_pass(run, origin, direction):
-    """Whether the definition's filter lets any face of a run, (9, RUN), through: several are asked at a time."""
+    """Return whether a line may pass through any face of a run, (9, RUN); vectorised."""
     n = 0
     for i in range(RUN):
         a, b, c = (

@@ -1,4 +1,4 @@
-"""`vertex_hsr`: the paper's HSR by vertices (section 3.3). A face goes as soon as one of its vertices is hidden."""
+"""`vertex_hsr`: the paper's HSR by vertices (section 3.3). A face with a hidden vertex is removed."""
 
 import warnings
 
@@ -14,18 +14,19 @@ from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 
 
 def prepare(mesh: Mesh, *, divide: float = 1.0, max_faces: int = 50_000, contact: float = CONTACT) -> "VertexHsr":
-    """Make a mesh ready for HSR by vertices.
+    """Prepare a mesh for HSR by vertices.
 
     Parameters
     ----------
     mesh : Mesh
     divide : float
-        Faces of an area above this fraction of the mesh's area are divided first (Fig. 4); 1 divides none.
+        Largest area of a face, as a fraction of the mesh's area; larger faces are divided first (Fig. 4). 1 divides
+        none.
     max_faces : int
-        The division makes no more faces than this. When it would, `divide` is raised, a warning says so and
+        Maximum number of faces after division. If it would be exceeded, `divide` is raised, a warning is given and
         ``division.limited`` is True.
     contact : float
-        The contact tolerance as a fraction of the mesh's diagonal.
+        Contact tolerance as a fraction of the mesh's diagonal.
 
     Raises
     ------
@@ -41,37 +42,36 @@ def prepare(mesh: Mesh, *, divide: float = 1.0, max_faces: int = 50_000, contact
         areas = division.mesh.areas
         warnings.warn(
             f"dividing faces of {mesh.name} down to {divide:g} of its area would make more than {max_faces} faces; "
-            f"stopped at {len(areas)}, the largest {areas.max() / areas.sum():.2g}. Raise max_faces to go on.",
+            f"stopped at {len(areas)}, the largest {areas.max() / areas.sum():.2g}. Raise max_faces.",
             stacklevel=2,
         )
     return VertexHsr(mesh, division, contact)
 
 
 class VertexHsr(VisibilityQuery):
-    """Each vertex against all faces; faces with a hidden vertex are dropped, and their points with them.
+    """Test of each vertex against all faces; faces with a hidden vertex are removed, with their points.
 
     Attributes
     ----------
     division : Division
-        The mesh that is tested, and how it came from the one given.
+        The divided mesh that is tested, and its relation to the given mesh.
     n_tests : (k,) int64
-        How many pairs of vertex and face the latest `visible` tested from each eye.
+        Number of pairs of vertex and face that the latest `visible` tested from each eye.
 
     Notes
     -----
-    Not exact: a partly hidden face is dropped whole (false hidden, the more the larger the faces are), and a face that
-    is hidden between visible vertices is kept whole (false visible). Dividing helps with both.
+    Not exact: a partly hidden face is removed as a whole (false hidden, more for larger faces), and a face that is
+    hidden only between its visible vertices is kept as a whole (false visible). Division reduces both errors.
 
-    The mask says ``face_kept[face_ids]``; a point on a divided face goes with the child it lies in. A point that lies
-    on no face is tested itself, like a vertex.
+    The mask is ``face_kept[face_ids]``; a point on a divided face has the answer of the child it lies in. A point on no
+    face is tested itself, like a vertex.
 
-    O(k v f) time whatever the number of points; all cores share the vertices, as in `oracle`. Dividing multiplies
-    both v and f, as the paper warns.
+    O(k v f) time, independent of the number of points; all cores share the vertices. Division multiplies both v and f,
+    as the paper warns.
 
     References
     ----------
-    Paper section 3.3; Eq. 1-3, 5-10; Fig. 4. See `zbuf_occlude.object_space.vertex_removal` for what a vertex's own
-    faces are.
+    Paper section 3.3; Eq. 1-3, 5-10; Fig. 4. `zbuf_occlude.object_space.vertex_removal` defines a vertex's own faces.
     """
 
     def __init__(self, mesh: Mesh, division: Division, contact: float) -> None:

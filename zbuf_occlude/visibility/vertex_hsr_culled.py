@@ -14,19 +14,19 @@ from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
 def prepare(
     mesh: Mesh, *, suggestion: int = 2, n_samples: int = 10_000, seed: int = 0, contact: float = CONTACT
 ) -> "VertexHsrCulled":
-    """Make a mesh ready for HSR by vertices with far faces excluded.
+    """Prepare a mesh for HSR by vertices with far faces excluded.
 
     Parameters
     ----------
     mesh : Mesh
     suggestion : {1, 2}
-        By what distance faces are excluded: 1, that of their planes; 2, that of points sampled on them.
+        Distance by which faces are excluded: 1, that of their planes; 2, that of points sampled on them.
     n_samples : int
-        For 2: about how many points are sampled on the mesh; every face gets one at least.
+        Approximate number of points sampled on the mesh for suggestion 2; every face gets at least one.
     seed : int
-        For 2: of that sampling.
+        Seed of that sampling.
     contact : float
-        The contact tolerance as a fraction of the mesh's diagonal.
+        Contact tolerance as a fraction of the mesh's diagonal.
 
     Raises
     ------
@@ -42,20 +42,20 @@ def prepare(
 
 
 class VertexHsrCulled(VisibilityQuery):
-    """Each vertex against the faces that are nearer to the eye; faces with a hidden vertex are dropped.
+    """Test of each vertex against the faces nearer to the eye; faces with a hidden vertex are removed.
 
     Attributes
     ----------
     n_tests : (k,) int64
-        How many pairs of vertex and face the latest `visible` tested from each eye; excluded pairs do not count.
+        Number of pairs of vertex and face that the latest `visible` tested from each eye, without excluded pairs.
 
     Notes
     -----
-    With ``suggestion=1`` the answers are those of `vertex_hsr`: no face that could hide a vertex is excluded. With 2,
-    faces are excluded whose nearest sample is farther than the vertex though a part of them is nearer; some hidden
+    With ``suggestion=1`` the answers are those of `vertex_hsr`: no face that could hide a vertex is excluded. With 2, a
+    face is excluded if its nearest sample is farther than the vertex, even if a part of it is nearer. Some hidden
     vertices are then taken for visible and their faces kept.
 
-    O(k v f) comparisons of distances are left, and some half of the tests.
+    O(k v f) comparisons of distances remain, and about half of the tests.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""`warp`: an exact ray caster by NVIDIA Warp, on the CPU and, untested, on CUDA."""
+"""`warp`: exact ray caster with NVIDIA Warp, on the CPU and, untested, on CUDA."""
 
 from typing import Any
 
@@ -15,13 +15,13 @@ from zbuf_occlude.warp import DeviceBvh, find_device
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT, device: str = "auto") -> "Warp":
-    """Make a mesh ready on a device.
+    """Prepare a mesh on a device.
 
     Parameters
     ----------
     mesh : Mesh
     contact : float
-        The contact tolerance as a fraction of the mesh's diagonal.
+        Contact tolerance as a fraction of the mesh's diagonal.
     device : str
         "cpu", "cuda", "cuda:1"; "auto" is the first CUDA device, or else the CPU.
 
@@ -35,7 +35,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT, device: str = "auto") -> "W
 
 
 class Warp(VisibilityQuery):
-    """A BVH of float32 boxes chooses the faces that a line may meet; float64 tests these, `exact` decides doubts."""
+    """BVH of float32 boxes that selects faces; float64 tests them, and `exact` decides doubtful lines."""
 
     def __init__(self, mesh: Mesh, contact: float, device: wp.Device) -> None:
         super().__init__(mesh)

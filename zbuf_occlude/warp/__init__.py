@@ -1,6 +1,6 @@
-"""The engine of `warp` and of tensors (extra ``warp``): exact lines of sight and rays by NVIDIA Warp, on CPU and CUDA.
+"""Engine of `warp` and of tensors (extra ``warp``): exact lines of sight and rays with NVIDIA Warp, on CPU and CUDA.
 
-Measured and tested on the CPU alone; CUDA runs the same source, and is untested.
+Measured and tested on the CPU only; CUDA runs the same source and is untested.
 """
 
 import os
@@ -13,7 +13,7 @@ from zbuf_occlude.exact import Engine
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import cache_folder
 
-# Warp prints when it starts and when it loads kernels; a process that has started it already keeps its settings
+# Warp prints when it starts and loads kernels; settings of a process that has already started it are kept
 if wp.config.kernel_cache_dir is None:
     if "WARP_CACHE_PATH" not in os.environ and (folder := cache_folder()):
         wp.config.kernel_cache_dir = str(folder / "warp")
@@ -24,7 +24,7 @@ from zbuf_occlude.warp import kernels
 
 
 def find_device(name: str) -> wp.Device:
-    """Return Warp's device of a name, "cpu", "cuda" or "cuda:1"; of "auto" the first CUDA device, or else the CPU.
+    """Return the Warp device of a name, "cpu", "cuda" or "cuda:1"; for "auto" the first CUDA device, or else the CPU.
 
     Raises
     ------
@@ -41,19 +41,19 @@ def find_device(name: str) -> wp.Device:
 
 
 class DeviceBvh:
-    """A mesh's BVH on a device. It is asked about arrays there, and fills arrays there.
+    """BVH of a mesh on a device. Arguments and results of queries are arrays on that device.
 
     Parameters
     ----------
     corners : (3 f,) warp.array of vec3d
-        Of face after face, world space.
+        Corners of the faces, face by face, world space.
     bounds : (2,) warp.array of vec3d
-        Lower and upper corner of their box.
+        Lower and upper corner of their bounding box.
 
     Notes
     -----
-    Exact. Lines that float64 leaves in doubt come back and are decided by `exact` on the CPU: each call waits for their
-    number. Costs O(f log f) once, then about O(log f) a line.
+    Exact. Lines that float64 cannot decide are counted and decided by `exact` on the CPU, so each call waits for the
+    count. Costs O(f log f) once, then about O(log f) per line.
     """
 
     def __init__(self, corners: wp.array, bounds: wp.array) -> None:
@@ -66,7 +66,7 @@ class DeviceBvh:
         self._engines: dict[float, Engine] = {}
 
     def fill_visible(self, points: wp.array, face_ids: wp.array, eyes: wp.array, contact: float, out: wp.array) -> None:
-        """Fill (k, n) uint8 with whether, 1 or 0, each of k eyes, vec3d, sees each of n points, vec3d.
+        """Fill (k, n) uint8 with 1 if an eye (k vec3d) sees a point (n vec3d), else 0.
 
         `face_ids` are the points' own faces, int32; `contact` is the contact tolerance, a fraction of the diagonal.
         """
@@ -79,7 +79,7 @@ class DeviceBvh:
             out.assign(answer)
 
     def fill_first_hits(self, origins: wp.array, directions: wp.array, face_ids: wp.array, distances: wp.array) -> None:
-        """Fill (n,) int32 and float64 with the faces that rays meet first, and how far; one origin serves all."""
+        """Fill (n,) int32 and float64 with the rays' first faces and their distances; a single origin serves all."""
         asked = self._bvh.id, self._corners, self._bounds, origins, directions
         if self._count_undecided(kernels.fill_first_hits, directions.shape, *asked, face_ids, distances):
             faces, away = face_ids.numpy().copy(), distances.numpy().copy()
@@ -98,7 +98,7 @@ class DeviceBvh:
         return self._engines[contact]
 
     def _count_undecided(self, kernel: wp.Kernel, shape: int | tuple[int, ...], *arguments: object) -> int:
-        """Launch a kernel that counts the lines it leaves in doubt, and return their number."""
+        """Launch a kernel that counts the lines it cannot decide, and return their number."""
         self._n_undecided.zero_()
         self._launch(kernel, shape, *arguments, self._n_undecided)
         return int(self._n_undecided.numpy()[0])

@@ -127,8 +127,7 @@ def _images(source: CloudReader, of_views: Numbers, method: str) -> Iterator[tup
         for scene, record in zip(scenes, records_of(source, of_views), strict=True):
             if scene is not last or occluder is None:
                 opened.close()
-                last, occluder = scene, opened.enter_context(prepare(scene.mesh, method))
-                occluder.warns = False
+                last, occluder = scene, opened.enter_context(prepare(scene.mesh, method, warn=False))
             noisy = frame_of(source.plan, record)
             clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
             yield scene, replace(clean, colors=noisy.colors), noisy.depth
