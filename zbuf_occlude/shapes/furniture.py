@@ -6,8 +6,6 @@ from zbuf_occlude.shapes.curves import bent, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import MeshPart, Point, bar, boxes, cuboid, ellipsoid, four, join, pair, revolve, rod, tube
 
-LEG_KINDS = ("square", "tapered", "round", "conical", "turned", "cabriole", "hairpin")
-
 
 def leg(draw: Draw, kind: str, height: float, thick: float) -> MeshPart:
     """Return one upright leg about the z axis, from the floor to `height`."""
