@@ -18,7 +18,7 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.scanning import pose_of_camera
+from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import check_keywords, find_method, prepare
@@ -252,7 +252,7 @@ def depth_image(
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
         view = view.looking(None, field_of_view(fov))
-    frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.windows)
+    frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.fov_bounds)
     left, right, bottom, top = (float(side[0]) for side in frusta[:4])
     centres = (np.arange(resolution) + 0.5) / resolution
     x, y = np.meshgrid(left + centres * (right - left), top - centres * (top - bottom))
@@ -284,7 +284,7 @@ def _view(
     at = as_numbers(eye, "eye", (3,))
     if not (np.abs(at) <= LARGEST).all():  # NaN is not
         raise ArgumentError(f"eye must be finite and below {LARGEST:g}; got {at.tolist()}.")
-    turned = Views.of_cameras(at[None], np.eye(3)[None], target=mesh.centre)
+    turned = Views.from_cameras(at[None], np.eye(3)[None], target=mesh.centre)
     if not turned.distance.all():
         raise ArgumentError(f"eye must not be the mesh's centre, at which it looks; got {at.tolist()}.")
     return Views(turned.azimuth, turned.elevation, turned.distance, mesh.centre), at

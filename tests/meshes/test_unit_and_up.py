@@ -59,7 +59,7 @@ def test_what_no_file_can_be_in_is_refused(tmp_path: Path) -> None:
     with pytest.raises(zo.ArgumentError, match="give size or unit, not both"):
         zo.scan(place, "vlp-16", range=3, size=1, unit="mm")
     with pytest.raises(zo.ArgumentError, match="up, unit and transparent are for a mesh"):
-        zo.scan(zo.Scene.of(zo.load_mesh(place)), "vlp-16", unit="mm")
+        zo.scan(zo.Scene.from_mesh(zo.load_mesh(place)), "vlp-16", unit="mm")
 
 
 def test_a_range_within_a_file_in_millimetres_shows_both_lengths(tmp_path: Path) -> None:

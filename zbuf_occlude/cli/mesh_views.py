@@ -171,7 +171,7 @@ def write_part(
 
 def warn_of_lenses(views: Views) -> None:
     """Warn where cameras have a lens, which meshes and coverage leave out."""
-    if views.windows is not None:
+    if views.fov_bounds is not None:
         echo("warning: only where cameras stand counts here, not where they look or their field of view.", err=True)
 
 

@@ -291,9 +291,9 @@ class _Question:
         cases = np.select([seen & scanned, seen, scanned], [BOTH, NOT_SCANNED, NOT_SEEN], NEITHER).astype(np.uint8)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # within the bounding box of a street, say
-            made = scan(Scene.of(self.mesh), sensor, stands, seed=self.seed, occluder=self.occluder)
+            made = scan(Scene.from_mesh(self.mesh), sensor, stands, seed=self.seed, occluder=self.occluder)
         middle, sigma = _spread(residuals[near])
-        sensor_sigma = sensor.imperfections.range_sigma(ranges[near], np.radians(incidences))
+        sensor_sigma = sensor.noise_model.range_sigma(ranges[near], np.radians(incidences))
         return ScanComparison(
             name=name,
             n_real=len(points),
@@ -327,7 +327,7 @@ class _Question:
 
     def _predicted(self, stands: FloatArray, sensor: Sensor) -> tuple[BoolArray, FloatArray]:
         """Which vertices the sensor should return, and their incidences, degrees."""
-        faults, rotation = sensor.imperfections, stands[:3, :3]
+        faults, rotation = sensor.noise_model, stands[:3, :3]
         starts, towards, ranges = _rays(self.vertices, stands, sensor)
         local = (self.vertices - stands[:3, 3]) @ rotation
         side = -np.einsum("ij,ij->i", self.normals, towards)
@@ -337,7 +337,7 @@ class _Question:
         seen &= (measured >= faults.range_min) & (measured <= faults.range_max)
         seen &= self._reached(starts, seen)
         second = np.zeros_like(seen)
-        for baseline in faults.second_eyes:
+        for baseline in faults.baselines:
             eyes = starts + rotation @ baseline
             away = eyes - self.vertices
             slope = np.einsum("ij,ij->i", self.normals, away) / np.linalg.norm(away, axis=1) * np.sign(side)
@@ -345,7 +345,7 @@ class _Question:
             if sensor.kind == "pinhole":
                 lit &= sensor.covers(-away @ rotation)
             second |= lit & self._reached(eyes, lit)
-        if len(faults.second_eyes):
+        if len(faults.baselines):
             seen = second
         return seen, np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
 
@@ -401,7 +401,7 @@ WOUND = 0.9
 def _rays(points: FloatArray, stands: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return where the rays to some points begin (n, 3), their unit directions, and how long they are."""
     local = (points - stands[:3, 3]) @ stands[:3, :3]
-    starts = stands[:3, 3] + sensor.starts_towards(local) @ stands[:3, :3].T
+    starts = stands[:3, 3] + sensor.ray_starts(local) @ stands[:3, :3].T
     ranges = np.linalg.norm(points - starts, axis=1)
     return starts, (points - starts) / np.maximum(ranges, np.finfo(np.float64).tiny)[:, None], ranges
 

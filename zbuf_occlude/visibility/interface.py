@@ -93,7 +93,7 @@ class VisibilityQuery(ABC):
             n points, world space; ``face_ids`` index ``mesh.faces``.
         eyes : (k, 3) float, (3,) float, or Views
             Centres of projection, world space; anywhere but on the surface. What lies outside the pictures of Views
-            that have some (`Views.windows`) is hidden.
+            that have some (`Views.fov_bounds`) is hidden.
 
         Returns
         -------
@@ -117,7 +117,7 @@ class VisibilityQuery(ABC):
             )
         if isinstance(eyes, Views):
             mask = self.visible(points, eyes.eyes)
-            return mask if eyes.windows is None else mask & eyes.in_frustum(points.positions)
+            return mask if eyes.fov_bounds is None else mask & eyes.in_frustum(points.positions)
         eyes = as_array(eyes, "eyes", "(k, 3) float")
         if eyes.shape == (3,):
             return self.visible(points, eyes[None])[0]
