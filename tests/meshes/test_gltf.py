@@ -553,7 +553,7 @@ def test_meshopt_without_a_fallback_is_one_line(vendor: str) -> None:
     document = as_document(CORNERS[:3])
     document["buffers"] = [{"byteLength": 36}]
     document["bufferViews"][0]["extensions"] = {f"{vendor}_meshopt_compression": {"buffer": 1, "mode": "ATTRIBUTES"}}
-    with pytest.raises(MeshError, match=r"must have data; it is compressed by meshopt\. Export it plainly"):
+    with pytest.raises(MeshError, match=r"must have data; it is compressed by meshopt\. Export it uncompressed"):
         read(document)
 
 

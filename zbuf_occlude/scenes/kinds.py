@@ -91,7 +91,7 @@ def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     size = 2 * _radius(request.target.vertices)
     occupied = [(np.zeros(2), size / 2)]
 
-    def draw(radius: float) -> FloatArray | None:
+    def draw_position(radius: float) -> FloatArray | None:
         """Return a position beside or behind the target; None for one between target and eye."""
         side, back = rng.uniform(-18.0, 18.0), rng.uniform(-2.0, 22.0)
         clear = back >= 0.5 * abs(side) + size / 2 + radius or abs(side) >= size + 2 * radius + 1.0
@@ -100,7 +100,7 @@ def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     for number in range(STREET_DRAWN):
         is_pole = number >= STREET_OBJECTS
         mesh, label = (pole_mesh(0.1, 5.0), "pole") if is_pole else request.pool(rng.random())
-        found = _at_free_position(mesh, label, draw, occupied, 0.3, request, rng)
+        found = _at_free_position(mesh, label, draw_position, occupied, 0.3, request, rng)
         placed += [replace(each, is_background=is_pole) for each in found]
     wall = moved(
         yaw=float(np.arctan2(across[1], across[0])), to=[*(rng.uniform(24.0, 30.0) * along[:2]), request.floor]
@@ -122,7 +122,7 @@ def room(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     placed = [request.target, Placed(walls, "room", pose, is_background=True), *before]
     occupied = [(np.zeros(2), size)]
 
-    def draw(radius: float) -> FloatArray | None:
+    def draw_position(radius: float) -> FloatArray | None:
         side = rng.uniform(radius - aside, aside - radius)
         back = rng.uniform(-size, max(behind - radius, -size + 0.01))
         return back * along[:2] + side * across[:2] if back > 0 or abs(side) > size + radius else None
@@ -130,7 +130,7 @@ def room(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     for _ in range(ROOM_OBJECTS):
         mesh, label = request.pool(rng.random())
         if _radius(mesh.bounds) <= aside - 0.2 and np.ptp(mesh.bounds, axis=0)[2] <= height:
-            placed += _at_free_position(mesh, label, draw, occupied, 0.0, request, rng)
+            placed += _at_free_position(mesh, label, draw_position, occupied, 0.0, request, rng)
     return SceneLayout(placed, wanted)
 
 
@@ -209,7 +209,7 @@ def _standing(
 def _at_free_position(
     mesh: Mesh,
     label: str,
-    draw: Callable[[float], FloatArray | None],
+    draw_position: Callable[[float], FloatArray | None],
     occupied: list[tuple[FloatArray, float]],
     gap: float,
     request: SceneRequest,
@@ -221,7 +221,7 @@ def _at_free_position(
     """
     radius = _radius(mesh.bounds)
     for _ in range(10):
-        position = draw(radius)
+        position = draw_position(radius)
         if position is not None and all(
             math.hypot(position[0] - x, position[1] - y) > radius + other + gap for (x, y), other in occupied
         ):
