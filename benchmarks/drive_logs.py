@@ -153,10 +153,10 @@ def found_sensor(points: np.ndarray) -> tuple[Sensor, str]:
         raise ValueError(f"a sensor is found from {LEAST_POINTS} points; it has {len(far)}. Name it: --sensor NAME.")
     some, scores = far[:: -(-len(far) // 20_000)], {}
     for name in (name for name, sensor in SENSORS.items() if sensor.kind == "spinning"):
-        near = [np.exp(-0.5 * (above / SHARPNESS) ** 2) for above in SENSORS[name].above_lasers(some)]
+        near = [np.exp(-0.5 * (above / SHARPNESS) ** 2) for above in SENSORS[name].angles_above_lasers(some)]
         scores[name] = float(np.log(np.mean(near, axis=0) / SHARPNESS + 1e-3).mean())
     first, second = sorted(scores, key=lambda name: -scores[name])[:2]
-    rings = np.argmin([np.abs(above) for above in SENSORS[first].above_lasers(far)], axis=0)
+    rings = np.argmin([np.abs(above) for above in SENSORS[first].angles_above_lasers(far)], axis=0)
     azimuths = np.degrees(np.arctan2(far[:, 1], far[:, 0]))
     steps = np.concatenate([np.diff(np.sort(azimuths[rings == ring])) for ring in np.unique(rings)])
     steps = steps[steps > 0.02]  # nearer ones are of the same firing, at two ranges

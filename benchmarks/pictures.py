@@ -32,7 +32,7 @@ from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors import Scan, look_at, make
-from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import ScanConfig
 
@@ -187,7 +187,7 @@ def scanned(mesh: zo.Mesh, sensor: str, distance: float, scene: str, seed: int =
     drawn, floor = partial(seeds, seed=seed), float(mesh.bounds[0, 2])
     views = zo.Views(np.array([AZIMUTH]), np.array([0.15]), np.array([2.0]))
     pool = Pool(surroundings((), scene), {}, scene, np.random.SeedSequence(1))
-    places = sensor_places(views, mesh.longest_side, floor, setup, drawn)
+    places = sensor_views(views, mesh.longest_side, floor, setup, drawn)
     (capture,) = captures(mesh, setup, places, floor, drawn, pool)
     return capture.scan
 
@@ -237,7 +237,7 @@ def frames(out: Path) -> None:
     near, far = frame.depth[frame.mask].min(), frame.depth[frame.mask].max()
     shaded = colormaps["viridis_r"]((np.where(frame.mask, frame.depth, far) - near) / (far - near))[..., :3] * 255
     pictures = {
-        "shaded": frame.picture[..., :3],
+        "shaded": frame.rgba[..., :3],
         "depth": shaded.astype(np.uint8),
         "normals": ((frame.normals + 1.0) * 127.5).astype(np.uint8),
         "instances": COLOURS[frame.instances],

@@ -33,7 +33,7 @@ from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
 from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
 from zbuf_occlude.sensors import Sensor
-from zbuf_occlude.sensors.scanning import detection
+from zbuf_occlude.sensors.noise import detection_probability
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
@@ -49,14 +49,14 @@ GROUPS = {
     **{"bicycle": "cyclists", "motorcycle": "cyclists", "pedestrian": "pedestrians"},
 }
 FITTED_ON = ("cars", "pedestrians")
-"""Of one log, from 10 to 60 m: on them the `reach` of the VLP-32C was fitted."""
+"""Of one log, from 10 to 60 m: on them the `detection_range` of the VLP-32C was fitted."""
 BINS = ((5.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 40.0), (40.0, 50.0), (50.0, 60.0), (60.0, 80.0))
 LEAST, LEAST_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
 MOST = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
 CARS = [shapes.make("car", i) for i in range(12)]
-"""What boxes of cars are filled with; `reach` was fitted with them."""
+"""What boxes of cars are filled with; `detection_range` was fitted with them."""
 DRAWS = 40
 """How often albedos and returns are drawn."""
 SHADES = 48
@@ -144,7 +144,7 @@ def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
         albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
         cosines, ranges = one.returns.T
         if len(ranges):
-            shares = detection(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1)
+            shares = detection_probability(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1)
             found[:, number] = rng.binomial(len(ranges), np.interp(np.log(albedos), shades, shares))
     return found
 
@@ -230,8 +230,8 @@ def measure(log: Log) -> list[str]:
     sweeps = [without_own_car(sweep) for sweep in log.sweeps]
     n_wanted = sum(wanted(box, sweep.mounts[0]) for sweep in sweeps for box in sweep.boxes)
     taken = sweeps[:: -(-n_wanted // MOST) or 1]
-    reach = log.sensor.imperfections.reach
-    noiseless = log.sensor.with_numbers(reach=0.0, sigma=0.0, step=0.0)
+    reach = log.sensor.noise_model.detection_range
+    noiseless = log.sensor.with_numbers(detection_range=0.0, sigma=0.0, step=0.0)
     sightings = [one for sweep in taken for one in sightings_in(sweep, noiseless)]
     columns = log.sensor.pattern["columns"]
     head = (

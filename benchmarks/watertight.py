@@ -21,6 +21,7 @@ from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.shapes import solids
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.solids import uv_sphere
 from tests.watertight import eyes_inside, is_closed, meshed, pinhole, rays_outwards, surrounded_vertices, turning
 
 SHAPES = [(name, number) for number in (1, 2) for name in shapes.CLASSES][:10]
@@ -73,7 +74,7 @@ def _turned(mesh: zo.Mesh, rng: np.random.Generator) -> zo.Mesh:
 
 def _from_inside(loaded: Sequence[zo.Mesh], seed: int) -> Iterator[Lines]:
     rng = np.random.default_rng(seed)
-    built_in = [solids.icosphere(level) for level in range(5)] + [solids.box(), solids.uv_sphere(40)]
+    built_in = [solids.icosphere(level) for level in range(5)] + [solids.box(), uv_sphere(40)]
     for mesh in (_turned(each, rng) for each in [*built_in, *loaded] if is_closed(each)):
         for eye in eyes_inside(mesh, rng):
             yield mesh, eye, rays_outwards(mesh, eye, rng)

@@ -110,7 +110,7 @@ def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_p
         assert there.in_frustum(np.array([[0.9, -0.9, 1.0], [1.1, 0, 1.0], [0, 0, -1.0]])).tolist() == [
             [True, False, False]
         ]
-    assert np.array_equal(Views.from_table(made.table).eyes, made.eyes)
+    assert np.array_equal(Views.from_rows(made.to_rows()).eyes, made.eyes)
     with pytest.raises(ArgumentError, match="distance must be positive; got 0"):
         Views([0.0], [0.0], 0.0)
 
@@ -119,12 +119,12 @@ def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_p
     ("name", "content", "message"),
     [
         ("a.json", "{", "must be JSON; it cannot be read"),
-        ("a.json", "[]", "must hold cameras, each with R and t; number 0 cannot be read (it holds none)"),
+        ("a.json", "[]", "must contain cameras, each with R and t; number 0 cannot be read (it has none)"),
         ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,1]]}]', "number 0 cannot be read (no 't')"),
         ("a.json", '[{"R": [[2,0,0],[0,1,0],[0,0,1]], "t": [0,0,1]}]', "R must be a rotation, and is none"),
         ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and is none"),
-        ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must hold cameras"),
-        ("images.txt", "1 1 0 0\n", "must hold cameras"),
+        ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must contain cameras"),
+        ("images.txt", "1 1 0 0\n", "must contain cameras"),
         ("images.txt", "1 1 0 0 0 0 0 1 2 x.png\n\n", "camera 2 must have the 8 parameters of a OPENCV; it has 4"),
     ],
 )
@@ -139,7 +139,7 @@ def test_bad_cameras(tmp_path: Path, name: str, content: str, message: str) -> N
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("# cameras\n", r"cameras\.txt must hold cameras"),
+        ("# cameras\n", r"cameras\.txt contains no cameras"),
         (
             "1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0.1\n",
             "camera 2 is a SIMPLE_RADIAL with distortion; undistort",

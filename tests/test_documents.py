@@ -18,7 +18,8 @@ from zbuf_occlude.documents import Number, parse_bool, parse_document, parse_lin
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.meshes.labels import read_labels
 from zbuf_occlude.scenes.contents import read_scene
-from zbuf_occlude.sensors.sensor import NUMBERS, Sensor, numbers_of
+from zbuf_occlude.sensors.rays import numbers_of
+from zbuf_occlude.sensors.sensor import NUMBERS, Sensor
 
 LIDAR = "kind: spinning\nlasers: [-2, 0, 2]\ncolumns: 90\n"
 RISLEY = "kind: risley\nfrequencies: [-77.7, 121.6]\nwedge: 18\nindex: 1.51\n"
@@ -154,7 +155,7 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path, levels: int) -> None:
 def test_words_of_yaml_that_are_numbers_are_numbers(tmp_path: Path) -> None:
     """PyYAML takes 1e5 for a word, 010 for 8 and no for a flag."""
     sensor = read(tmp_path, "sensor.yaml", RISLEY + "rate: 1e5\nseconds: 010e-3\naxial: TRUE\n")
-    assert (len(sensor.rays()), sensor.imperfections.axial, sensor.pattern["rate"]) == (1000, True, 1e5)
+    assert (len(sensor.rays()), sensor.noise_model.axial, sensor.pattern["rate"]) == (1000, True, 1e5)
 
 
 @pytest.mark.parametrize("more", ["", "sigma: [[0, 0.1], [50, 0.2]]\n", f"lateral: [0.8, 0.035]\nrange_max: {MANY}\n"])
@@ -163,7 +164,7 @@ def test_what_sensors_accepts_scans(tmp_path: Path, more: str) -> None:
     scan = zo.scan(WALL, sensor, method="oracle")
     assert len(scan) > 20
     assert np.isfinite(scan.positions).all()
-    assert sensor.imperfections.range_sigma(20.0) == pytest.approx(0.14 if "sigma" in more else 0.0)
+    assert sensor.noise_model.range_sigma(20.0) == pytest.approx(0.14 if "sigma" in more else 0.0)
 
 
 def test_a_quaternion_of_any_size_is_the_same_rotation(tmp_path: Path) -> None:
@@ -180,10 +181,10 @@ def images_bin(n: int = 1, points: int = 0, name: bytes = b"x.png\0") -> bytes:
 @pytest.mark.parametrize(
     ("images", "cameras", "message"),
     [
-        (b"", b"", "must be readable"),
+        (b"", b"", "cannot read the COLMAP file"),
         (images_bin()[:40], None, "it ends too early"),
         (images_bin(n=2**63), None, "it ends too early"),
-        (images_bin(n=2, points=2**62), None, "must be readable"),
+        (images_bin(n=2, points=2**62), None, "cannot read the COLMAP file"),
         (images_bin(n=2, name=b"x.png"), None, "it ends too early"),
         (images_bin(points=2), None, "it ends too early"),
         (images_bin(name=b"x.png")[: 8 + 64 + 3], None, "it ends too early"),
@@ -256,7 +257,7 @@ def test_what_is_no_such_number(kind: Number, value: object, said: str) -> None:
 @pytest.mark.parametrize("name", NUMBERS)
 @pytest.mark.parametrize("sensor", SMALL, ids=lambda sensor: sensor.kind)
 def test_a_sensor_at_the_bounds_of_each_number_scans_or_is_refused(sensor: Sensor, name: str) -> None:
-    if name in numbers_of(sensor.kind) or name in vars(sensor.imperfections):
+    if name in numbers_of(sensor.kind) or name in vars(sensor.noise_model):
         kind = NUMBERS[name]
         for value in (kind.low, kind.high, kind.least, max(kind.low, 0.0) + 1e-9):
             for shape in kind.shapes:

@@ -11,7 +11,7 @@ import zbuf_occlude as zo
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.returns import Scan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -141,7 +141,7 @@ def test_real_and_simulated_returns_are_counted_in_the_same_way() -> None:
     """Noise and rounded labels put returns out of boxes, and the ground puts some in at their feet."""
     floor = zo.Mesh([[-30, -30, FLOOR], [30, -30, FLOOR], [0, 40, FLOOR]], [[0, 1, 2]])
     box = drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([12.0, 4.0, FLOOR + 1.6]), 0.3, 0, 1)
-    sensor = make("hdl-64e", columns=900, reach=0.0, sigma=0.02, step=0.0)
+    sensor = make("hdl-64e", columns=900, detection_range=0.0, sigma=0.02, step=0.0)
     scan = zo.scan(Scene.joined([real_lidar.filled(box), Placed(floor, "ground")]), sensor, seed=0)
     shrunk = drive_logs.replace(box, sides=box.sides - 1e-4)
     assert drive_logs.within(shrunk, scan.points).sum() < 0.9 * (scan.instances == 0).sum(), "what must not be compared"

@@ -175,8 +175,8 @@ def test_colours_come_from_what_has_them() -> None:
     ("arguments", "message"),
     [
         ({}, "give azimuth and elevation, degrees, or eye"),
-        ({"azimuth": 1, "eye": (1, 2, 3)}, "must go without eye"),
-        ({"distance": 5, "eye": (1, 2, 3)}, "must go without eye"),
+        ({"azimuth": 1, "eye": (1, 2, 3)}, "must not be given with eye"),
+        ({"distance": 5, "eye": (1, 2, 3)}, "must not be given with eye"),
         ({"eye": (1, float("nan"), 3)}, "eye must be finite"),
         ({"azimut": 1, "elevation": 0}, "Did you mean 'azimuth'"),
         ({"azimuth": 1, "points": 9}, "Did you mean 'n_points'"),
@@ -192,7 +192,7 @@ def test_colours_come_from_what_has_them() -> None:
         ({"azimuth": 0, "method": "exakt"}, "got 'exakt'"),
         ({"azimuth": 0, "resolution": 9}, "got 'resolution'"),
         ({"azimuth": 0, "sensor": "vlp-61"}, "got 'vlp-61'"),
-        ({"azimuth": 0, "sensor": "vlp-16", "density": 9.0}, "density must go without a sensor"),
+        ({"azimuth": 0, "sensor": "vlp-16", "density": 9.0}, "density must not be given with a sensor"),
     ],
 )
 def test_bad_calls(arguments: dict[str, Any], message: str) -> None:

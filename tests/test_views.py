@@ -226,18 +226,18 @@ def test_a_table_holds_all_that_is_known(columns: int) -> None:
         13: views.ring(3, elevation=12).looking([0.1, 0, 0]),
         17: views.ring(3, elevation=12).looking([0.1, 0, 0], 0.5),
     }[columns]
-    assert made.table.shape == (3, columns)
-    back = Views.from_table(made.table.tolist())
+    assert made.to_rows().shape == (3, columns)
+    back = Views.from_rows(made.to_rows().tolist())
     assert np.allclose(back.poses, made.poses, atol=1e-15)
-    assert (back.windows is None) == (columns < 17)
-    with pytest.raises(ArgumentError, match="a table of views must be"):
-        Views.from_table(np.zeros((2, 5)))
+    assert (back.fov_bounds is None) == (columns < 17)
+    with pytest.raises(ArgumentError, match="rows of views must have"):
+        Views.from_rows(np.zeros((2, 5)))
 
 
 @pytest.mark.parametrize("turn", [np.diag([1.0, 1.0, -1.0]), np.eye(3) * 2.0, np.zeros((3, 3))])
 def test_what_is_no_rotation_is_refused(turn: np.ndarray) -> None:
     with pytest.raises(ArgumentError, match="rotations must be rotations"):
-        Views.of_cameras(np.array([[3.0, 0.0, 0.0]]), turn[None])
+        Views.from_cameras(np.array([[3.0, 0.0, 0.0]]), turn[None])
 
 
 def test_a_tables_own_distances_stay_where_others_are_drawn(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The API of one line: a mesh and a camera in, a partial cloud or a depth image out."""
+"""Partial clouds and depth images of one mesh from one camera, in one call."""
 
 import math
 from dataclasses import dataclass
@@ -18,41 +18,41 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.scanning import pose_of_camera
+from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.views.model import MOST_PIXELS
 from zbuf_occlude.visibility import check_keywords, find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 N_POINTS = 2048
-"""Of a partial cloud by default."""
+"""Default number of points of a partial cloud."""
 FRAMES = ("object", "camera")
 ROUNDS = 8
-"""So often more points are sampled before those found are taken, and some repeated."""
+"""Maximum sampling rounds; after them points are repeated."""
 PER_POINT = 4
-"""So many points are sampled for each that is wanted, in the first round: most eyes see a third and more."""
+"""Points sampled in the first round per point wanted: most eyes see a third of the surface or more."""
 LEAST_FRACTION = 0.02
-"""No later round samples more than if this share were visible."""
+"""Smallest visible share assumed for the sample size of later rounds."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartialCloud(Cloud):
-    """What one camera or sensor sees of a mesh. ``numpy.asarray(cloud)`` is its points.
+    """The visible points of a mesh from one camera or sensor. ``numpy.asarray(cloud)`` returns the points.
 
     Parameters
     ----------
     points : (n, 3) float
-        In the mesh's own coordinates, or the camera's (`occlude` with ``frame="camera"``). In random order.
+        Points in random order, in the mesh's coordinates or the camera's (`occlude` with ``frame="camera"``).
     normals : (n, 3) float
-        Unit, turned towards the eye.
+        Unit normals, turned towards the eye.
     colors : (n, 3) uint8 or None
-        Base colours, sRGB, where they were asked for.
+        Base colours, sRGB, if they were requested.
     face_ids : (n,) int
-        The face that each point lies on; of a file, of ``load_mesh(path).faces``.
+        Face of each point; for a file, index of ``load_mesh(path).faces``.
     eye : (3,) float
-        The centre of projection, in the frame of the points.
+        Centre of projection, in the frame of the points.
     visible_fraction : float or None
-        Share of the sampled surface points that the eye sees; None of a sensor, which samples no surface.
+        Share of the sampled surface points that the eye sees; None for a sensor, which samples no surface.
     pose : (4, 4) float
         View matrix: the mesh's coordinates to the camera's (x right, y up, looking along -z).
 
@@ -78,7 +78,7 @@ class PartialCloud(Cloud):
         return f"PartialCloud({len(self)} points{seen}, eye ({x:.4g}, {y:.4g}, {z:.4g}))"
 
     def arrays(self) -> dict[str, Any]:
-        """Return all that is known, by name: the arrays of a .npz file."""
+        """Return all arrays by name, as a .npz file has them."""
         more = {name: getattr(self, name) for name in ("face_ids", "eye", "visible_fraction", "pose")}
         return super().arrays() | {name: value for name, value in more.items() if value is not None}
 
@@ -101,41 +101,41 @@ def occlude(
     colors: bool = False,
     **options: Any,
 ) -> PartialCloud:
-    """Return the partial point cloud that one camera sees of a mesh.
+    """Return the partial point cloud of a mesh that one camera sees.
 
     Parameters
     ----------
     mesh : Mesh
-        Or anything else that is one: a path, a mesh of trimesh or Open3D, (vertices, faces).
+        Or anything else that is a mesh: a path, a mesh of trimesh or Open3D, (vertices, faces).
     azimuth, elevation : float
-        Where the camera stands about the mesh's centre, at which it looks: degrees from +x towards +y, and above the
-        xy plane.
+        Direction from the mesh's centre to the camera, which looks at the centre: degrees from +x towards +y, and above
+        the xy plane.
     distance : float
-        Of the camera from the centre, in multiples of the mesh's longest side.
+        Distance of the camera from the centre, in multiples of the mesh's longest side.
     eye : (3,) float or Views, optional
-        Instead of the angles: the camera's place in the mesh's own coordinates, from which it looks at the centre; or
-        Views of one, such as ``zo.views.for_mesh(mesh, "paper100")[0]``.
+        Instead of the angles: the camera's position in the mesh's coordinates, from which it looks at the centre; or
+        one view, such as ``zo.views.for_mesh(mesh, "paper100")[0]``.
     n_points : int, optional
-        Points of the cloud, 2,048 by default (of a sensor: all its returns).
+        Points of the cloud. Default: 2,048, or all returns of a sensor.
     density : float, optional
         Instead of `n_points`: points sampled per unit of area, in the mesh's unit; all visible ones are returned.
     seed : int, SeedSequence or Generator
         The same seed gives the same cloud.
     method : str
-        A name of the table `METHODS`: who decides what is visible, or casts a sensor's rays.
+        Visibility method, or ray caster of a sensor: a name of the table `METHODS`.
     sensor : str or Sensor, optional
-        The points are the first hits of its rays, as `zbuf_occlude.scan` makes them: the mesh's unit is the metre.
+        The points are the returns of this sensor, as of `zbuf_occlude.scan`; the mesh is in metres.
     frame : {"object", "camera"}
-        Of points, normals and eye: the mesh's own coordinates, or the camera's (x right, y up, looking along -z).
+        Frame of points, normals and eye: the mesh's coordinates, or the camera's (x right, y up, looking along -z).
     up : {"z", "y"}, optional
-        Which way is up in the mesh. Here z is: one with y up is turned, (x, y, z) to (x, -z, y), and its own
-        coordinates are then those. By default "y" for glTF files, and "z" for all else.
+        Axis that points up in the mesh. A mesh with y up is turned, (x, y, z) to (x, -z, y), which are then its
+        coordinates. By default "y" for glTF files, and "z" for all others.
     unit : {"mm", "cm", "m", "in"}, optional
-        Of the mesh, whose own coordinates are metres then. By default its numbers stay, whatever they are.
+        Unit of the mesh, whose coordinates are then metres. By default they stay as they are.
     colors : bool
-        Read base colours too, of what has them; grey where it has not.
+        Read base colours too; surfaces without a colour are grey.
     **options
-        The method's own; ``zbuf-occlude methods`` lists them.
+        Options of the method; ``zbuf-occlude methods`` lists them.
 
     Returns
     -------
@@ -144,9 +144,9 @@ def occlude(
     Raises
     ------
     ArgumentError
-        No mesh, no camera, both of two alternatives, or a value out of range.
+        No mesh; no camera; both of two alternatives; a value out of range.
     MeshError
-        The mesh cannot be used, or the eye sees none of the points.
+        The mesh cannot be used, or no point of it is visible.
     OptionError, UnavailableError, GlError
         As `prepare`.
 
@@ -157,10 +157,10 @@ def occlude(
 
     Notes
     -----
-    How `n_points` come about: four points for each that is wanted are sampled uniformly over the whole surface, and
-    the visible ones are kept. While these are too few, more are sampled, by the share that was visible so far, in at
-    most eight rounds. Of all visible points `n_points` are drawn at random without repetition. Only where eight rounds
-    give too few do points repeat. So a cloud is uniform over the visible surface.
+    Four points for each one wanted are sampled uniformly over the whole surface, and the visible ones are kept. If
+    these are too few, more are sampled according to the visible share so far, in at most eight rounds. `n_points` of
+    the visible points are drawn at random without repetition; points repeat only where eight rounds give too few. A
+    cloud is therefore uniform over the visible surface.
 
     Examples
     --------
@@ -187,7 +187,7 @@ def occlude(
             found, fraction = _visible(mesh, occluder, view, at, n_points, density, rng)
     else:
         if density is not None:
-            raise ArgumentError("density must go without a sensor, which decides itself. Leave it out.")
+            raise ArgumentError("density must not be given with a sensor, whose rays sample the mesh. Leave it out.")
         found = _scanned(mesh, sensor, view, n_points, rng, method, options)
     points, normals, pose = found.positions, found.normals_towards(at), view.poses[0]
     if frame == "camera":
@@ -209,7 +209,7 @@ def depth_image(
     method: str = "exact",
     **options: Any,
 ) -> FloatArray:
-    """Return the depth image that one camera has of a mesh, by rays through the centres of the pixels.
+    """Return the depth image of a mesh from one camera, by rays through the centres of the pixels.
 
     Parameters
     ----------
@@ -218,22 +218,22 @@ def depth_image(
     resolution : int
         Pixels along a side.
     fov : float, optional
-        Field of view, degrees. By default the picture holds the mesh, with a small border.
+        Field of view, degrees. By default the image contains the mesh with a small border.
     method : str
-        Who casts the rays: a name of the table `METHODS` that can.
+        Ray caster, a name of the table `METHODS`.
     **options
-        The method's own.
+        Options of the method.
 
     Returns
     -------
     (resolution, resolution) float64
-        Eye depth, the distance along the camera's axis in the mesh's unit; infinite where no face is. The first row is
-        the highest.
+        Eye depth, the distance along the camera's axis in the mesh's unit; infinite where there is no face. The first
+        row is the uppermost.
 
     Raises
     ------
     ArgumentError
-        As `occlude`; an eye so near that no single picture holds the mesh.
+        As `occlude`; an eye so near that no image contains the mesh.
     OptionError, UnavailableError, GlError
         As `prepare`; a method that casts no rays.
 
@@ -252,7 +252,7 @@ def depth_image(
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
         view = view.looking(None, field_of_view(fov))
-    frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.windows)
+    frusta = picture_frusta(view.poses, mesh.vertices[np.unique(mesh.faces)], view.fov_bounds)
     left, right, bottom, top = (float(side[0]) for side in frusta[:4])
     centres = (np.arange(resolution) + 0.5) / resolution
     x, y = np.meshgrid(left + centres * (right - left), top - centres * (top - bottom))
@@ -265,14 +265,14 @@ def depth_image(
 def _view(
     mesh: Mesh, azimuth: float | None, elevation: float | None, distance: float, eye: ArrayLike | Views | None
 ) -> tuple[Views, FloatArray]:
-    """Return the one view that a person described, world units, and its eye (3,)."""
+    """Return the view of `occlude`'s arguments, world units, and its eye (3,)."""
     if eye is None and azimuth is None and elevation is None:
-        raise ArgumentError("give azimuth and elevation, degrees, or eye: where the camera stands.")
+        raise ArgumentError("give azimuth and elevation, degrees, or eye: the camera's position.")
     distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
     if eye is not None and (azimuth is not None or elevation is not None or distance != PAPER_DISTANCE):
-        raise ArgumentError("azimuth, elevation and distance must go without eye, which says all. Leave them out.")
+        raise ArgumentError("azimuth, elevation and distance must not be given with eye. Leave them out.")
     if mesh.longest_side == 0.0:
-        raise MeshError(f"a mesh must have an extent to be seen; all vertices of {mesh.name} coincide.")
+        raise MeshError(f"{mesh.name} has no extent: all its vertices coincide.")
     if eye is None:
         degrees = [0.0 if angle is None else angle for angle in (azimuth, elevation)]
         view = from_angles(degrees[0], degrees[1], distance).around(mesh.centre, mesh.longest_side)
@@ -282,12 +282,12 @@ def _view(
             raise ArgumentError(f"eye must be one view; got {len(eye)}. Take one: views[0].")
         return eye, eye.eyes[0]
     at = as_numbers(eye, "eye", (3,))
-    if not (np.abs(at) <= LARGEST).all():  # NaN is not
+    if not (np.abs(at) <= LARGEST).all():  # False for NaN
         raise ArgumentError(f"eye must be finite and below {LARGEST:g}; got {at.tolist()}.")
-    turned = Views.of_cameras(at[None], np.eye(3)[None], target=mesh.centre)
-    if not turned.distance.all():
+    unturned = Views.from_cameras(at[None], np.eye(3)[None], target=mesh.centre)
+    if not unturned.distance.all():
         raise ArgumentError(f"eye must not be the mesh's centre, at which it looks; got {at.tolist()}.")
-    return Views(turned.azimuth, turned.elevation, turned.distance, mesh.centre), at
+    return Views(unturned.azimuth, unturned.elevation, unturned.distance, mesh.centre), at
 
 
 def _visible(
@@ -299,24 +299,22 @@ def _visible(
     density: float | None,
     rng: np.random.Generator,
 ) -> tuple[SurfacePoints, float]:
-    """Return visible points, in random order, as the notes of `occlude` say, and the share of points that are."""
+    """Return visible points in random order, sampled as the notes of `occlude` say, and the visible share."""
     wanted = n_points or N_POINTS
     parts, n_sampled, n_found = list[SurfacePoints](), 0, 0
-    asked: dict[str, Any] = {"n_points": PER_POINT * wanted} if density is None else {"density": density}
+    size: dict[str, Any] = {"n_points": PER_POINT * wanted} if density is None else {"density": density}
     for _ in range(ROUNDS if density is None else 1):
-        points = sample_surface(mesh, seed=rng, **asked)
+        points = sample_surface(mesh, seed=rng, **size)
         parts.append(points[occluder.visible(points, eye) & view.in_frustum(points.positions)[0]])
         n_sampled, n_found = n_sampled + len(points), n_found + len(parts[-1])
         if n_found >= wanted:
             break
         share = max(n_found / max(n_sampled, 1), LEAST_FRACTION)
-        asked = {"n_points": math.ceil(1.15 * (wanted - n_found) / share)}
+        size = {"n_points": math.ceil(1.15 * (wanted - n_found) / share)}
     if not n_sampled:
-        raise MeshError(
-            f"density must give a point at least; {density:g} gives none on an area of {mesh.areas.sum():g}."
-        )
+        raise MeshError(f"density {density:g} gives no point on an area of {mesh.areas.sum():g}. Raise it.")
     if not n_found:
-        raise MeshError(f"a mesh must show something to the eye; of {n_sampled} points of {mesh.name} none is visible.")
+        raise MeshError(f"No point of mesh {mesh.name} is visible from this view ({n_sampled} sampled).")
     chosen = draw(np.arange(n_found), None if density is not None else wanted, rng)
     return SurfacePoints.joined(parts)[chosen], n_found / n_sampled
 
@@ -330,13 +328,13 @@ def _scanned(
     method: str,
     options: dict[str, Any],
 ) -> SurfacePoints:
-    """Return what a sensor in the camera's place measures, in random order."""
+    """Return the returns of a sensor at the camera's pose, in random order."""
     found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=rng, method=method, **options)
     if not len(found):
         away = float(np.linalg.norm(view.eyes[0] - mesh.centre))
         raise MeshError(
-            f"a mesh must return some ray of the sensor; {mesh.name}, {mesh.longest_side:.4g} m long and {away:.4g} m "
-            "away, returns none. Move it nearer, or give unit= if these are no metres."
+            f"The sensor has no return of {mesh.name}, {mesh.longest_side:.4g} m long and {away:.4g} m away. Move it "
+            "nearer, or give unit= if the mesh is not in metres."
         )
     found = found.select(draw(np.arange(len(found)), n_points, rng))
     colors = None

@@ -175,7 +175,7 @@ REFUSED = [
     ("generate --limit 2 --sensor vlp-16 --sample-size all --format scanobjectnn", "holds clouds of one size"),
     ("generate a.off --sensor vlp-16 --method vertex_hsr", "the method must cast rays; vertex_hsr does not"),
     ("generate a.off --sensor surface --range 9", "--range needs a sensor; give --sensor NAME."),
-    ("generate a.off --sensor kinect-v1 --size 4 --turn 3", "one eye"),
+    ("generate a.off --sensor kinect-v1 --size 4 --turn 3", "no second camera"),
 ]
 
 

@@ -77,7 +77,7 @@ def test_labels_classes_and_splits(run: Run, modelnet: Path, tmp_path: Path) -> 
     line = f"generate {modelnet} --dry-run"
     assert "2 meshes x" in run(f"{line} --classes ball --splits test").out
     run(f"{line} --classes bowl", code=2, says="class must be one of ball, brick; got 'bowl'")
-    said = "a label must be of one mesh; 'ball_0' may be ball/test/ball_0.off"
+    said = "a label must match one mesh; 'ball_0' matches ball/test/ball_0.off"
     run(f"{line} --labels labels.csv", code=2, says=said)
     outcome = run(f"generate {modelnet}/ball/train --dry-run --labels labels.csv")
     assert table(outcome.err)[-3:-1] == [["class", "val", "test"], ["sphere", "1", "1"]]

@@ -12,7 +12,7 @@ from tests.cli.conftest import Run, write_off
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.sensors import scan
-from zbuf_occlude.sensors.scanning import pose_of_camera
+from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import from_angles
 
 SMALL = "--method oracle --points 400 --sample-size 32 --workers 1"

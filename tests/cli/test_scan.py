@@ -76,7 +76,7 @@ def test_a_scan_of_nothing_says_so(run: Run, car: Path) -> None:
         ("--range 9 --set-sensor range_max=5", "farther.* Lower --range"),
         ("--range 9 --set-sensor incidence_max=0.01", "steeper .* incidence_max=90"),
         ("--range 9 --set-sensor drop=1", "lost.* noise=0"),
-        ("--range 9 --sensor far.yaml", "second eye .* baseline=0"),
+        ("--range 9 --sensor far.yaml", "second camera .* baseline=0"),
     ],
 )
 def test_what_leaves_all_out_is_blamed(run: Run, car: Path, options: str, words: str) -> None:

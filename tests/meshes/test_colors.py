@@ -400,7 +400,9 @@ def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) 
     document = json.loads(path.read_text())
     document["accessors"][3]["count"] = 3
     path.write_text(json.dumps(document))
-    with pytest.raises(MeshError, match="COLOR_0 of glTF must be of the 4 vertices of their primitive; they are of 3"):
+    with pytest.raises(
+        MeshError, match="COLOR_0 of glTF must have a row for each of the 4 vertices of the primitive; there are 3"
+    ):
         load_mesh(path, colors=True)
     assert len(load_mesh(path).faces) == 4
 

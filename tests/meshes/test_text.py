@@ -59,5 +59,5 @@ def test_odd_spellings() -> None:
     "token", ["1.2.3", "--1", "1e", "e5", ".", "-", "0x10", "1_000", "1,5", "1d3", "1e5.", "½", "1/2"]
 )
 def test_what_is_no_number_is_quoted(token: str) -> None:
-    with pytest.raises(MeshError, match="must hold numbers here; it holds "):
+    with pytest.raises(MeshError, match="must have numbers here; it has "):
         read("1", token, "2")

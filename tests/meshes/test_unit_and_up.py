@@ -59,7 +59,7 @@ def test_what_no_file_can_be_in_is_refused(tmp_path: Path) -> None:
     with pytest.raises(zo.ArgumentError, match="give size or unit, not both"):
         zo.scan(place, "vlp-16", range=3, size=1, unit="mm")
     with pytest.raises(zo.ArgumentError, match="up, unit and transparent are for a mesh"):
-        zo.scan(zo.Scene.of(zo.load_mesh(place)), "vlp-16", unit="mm")
+        zo.scan(zo.Scene.from_mesh(zo.load_mesh(place)), "vlp-16", unit="mm")
 
 
 def test_a_range_within_a_file_in_millimetres_shows_both_lengths(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def turned(label: str, index: int) -> zo.Mesh:
 
 @pytest.mark.parametrize("label", shapes.CLASSES)
 def test_no_class_of_built_in_shapes_is_said_to_lie(label: str) -> None:
-    assert not stances([e for e in shapes.collection() if e.label == label]).lie
+    assert not stances([e for e in shapes.collection() if e.label == label]).suggest_y_up
 
 
 def test_built_in_shapes_with_y_up_lie() -> None:
@@ -99,14 +99,14 @@ def test_built_in_shapes_with_y_up_lie() -> None:
         for i in range(4)
     ]
     found = stances(entries)
-    assert found.lie
+    assert found.suggest_y_up
     assert found.n == 12
 
 
 def test_a_few_that_stand_on_y_are_no_most() -> None:
-    assert not Stances(12, 0, 2).lie
-    assert not Stances(12, 3, 5).lie
-    assert not Stances(0, 0, 0).lie
+    assert not Stances(12, 0, 2).suggest_y_up
+    assert not Stances(12, 3, 5).suggest_y_up
+    assert not Stances(0, 0, 0).suggest_y_up
 
 
 FURNITURE = DATA / "furniture"
@@ -114,5 +114,5 @@ FURNITURE = DATA / "furniture"
 
 @pytest.mark.skipif(not FURNITURE.is_dir(), reason=f"{FURNITURE} is not there; set ZBUF_OCCLUDE_DATA")
 def test_real_furniture_with_y_up_lies_and_turned_it_stands() -> None:
-    assert stances(MeshCollection.from_paths(FURNITURE)).lie
-    assert not stances(MeshCollection.from_paths(FURNITURE, up="y")).lie
+    assert stances(MeshCollection.from_paths(FURNITURE)).suggest_y_up
+    assert not stances(MeshCollection.from_paths(FURNITURE, up="y")).suggest_y_up

@@ -130,7 +130,7 @@ def test_models_info(written: Path) -> None:
         ((Scene.joined([Placed(plate_mesh(1.0), "ground")]), VIEWS), {}, "beside the background"),
         (([], VIEWS), {}, "views must be one"),
         (([SCENE], [VIEWS, VIEWS]), {}, "got 2 for 1"),
-        ((SCENE, VIEWS.select(np.zeros(0, dtype=int))), {}, "views must be one at least"),
+        ((SCENE, VIEWS.select(np.zeros(0, dtype=int))), {}, "must have at least one view"),
         ((SCENE, VIEWS), {"split": "a/b"}, "split must be"),
         ((SCENE, VIEWS), {"split": "a\0b"}, "split must be"),
         ((SCENE, VIEWS), {"split": None}, "split must be"),

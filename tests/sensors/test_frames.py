@@ -161,7 +161,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
         ("width must be", lambda: zo.frames(box(), views, width=0)),
         ("at most 67,108,864 pixels", lambda: zo.frames(box(), views, width=10**5, height=10**5)),
         ("fov must be a number from 0.001 to 179.9, degrees", lambda: zo.frames(box(), views, fov=200.0)),
-        ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
+        ("fov must not be given", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
         ("colors must be True or False", lambda: zo.frames(box(), views, colors="no")),  # type: ignore[arg-type]
         ("views must be Views", lambda: zo.frames(box(), [[3.0, 2.0, 1.0]])),  # type: ignore[arg-type]
         (
@@ -301,9 +301,9 @@ def test_cameras_of_a_file_have_its_pixels(tmp_path: Path) -> None:
     assert (one.depth.shape, two.depth.shape) == ((48, 64), (20, 30))
     assert two.intrinsics == pytest.approx(np.array(other["K"]))
     assert [frame.depth.shape for frame in zo.frames(box(), views, width=64, height=48)] == [(48, 64)] * 2
-    with pytest.raises(zo.ArgumentError, match="both, or neither"):
+    with pytest.raises(zo.ArgumentError, match="given together"):
         zo.frames(box(), views, width=64)
-    kept = zo.Views.from_table(views.around(np.ones(3), 2.0).select([1]).table.tolist())
+    kept = zo.Views.from_rows(views.around(np.ones(3), 2.0).select([1]).to_rows().tolist())
     assert kept.sizes is not None
     assert kept.sizes.tolist() == [[30, 20]]
     assert kept.looking(None, 0.5).sizes is None, "another field of view has other pixels"

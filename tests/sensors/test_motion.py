@@ -177,7 +177,7 @@ def test_a_camera_that_looks_once_cannot_move() -> None:
 
 
 def test_a_second_eye_stands_still() -> None:
-    with pytest.raises(zo.ArgumentError, match="second eye"):
+    with pytest.raises(zo.ArgumentError, match="second camera"):
         zo.scan(ROOM, "kinect-v1", motion=Motion(turn=1.0))
     with pytest.raises(zo.ArgumentError, match="motion must be"):
         zo.scan(ROOM, "vlp-16", motion=(1.0, 0.0, 0.0))  # type: ignore[arg-type]

@@ -90,7 +90,7 @@ def test_moving_objects_are_refused_where_they_mean_nothing() -> None:
         with pytest.raises(zo.ArgumentError, match=rf"{next(iter(bad))} of van must"):
             Placed(VAN, "van", **bad)
     scene = Scene.joined([Placed(VAN, "van", velocity=(1.0, 0.0, 0.0))])
-    with pytest.raises(zo.ArgumentError, match="second eye"):
+    with pytest.raises(zo.ArgumentError, match="second camera"):
         zo.scan(scene, make("vlp-16", baseline=[0, 0.1, 0]))
     with zo.prepare(scene.mesh, "exact") as occluder, pytest.raises(zo.ArgumentError, match="prepare_scene"):
         zo.scan(scene, "vlp-16", occluder=occluder)

@@ -9,7 +9,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import DATA
 from zbuf_occlude.sensors import SENSORS, NoiseModel, make
-from zbuf_occlude.sensors.sensor import KINDS, Rays
+from zbuf_occlude.sensors.rays import PATTERNS, Rays
 
 ASKED_FOR = (
     *("vlp-16", "hdl-32e", "vlp-32c", "hdl-64e", "os1-64", "vls-128", "mid-40", "kinect-v1", "azure-kinect-nfov"),
@@ -38,7 +38,7 @@ def test_every_sensor_of_the_table(name: str) -> None:
 
 def test_the_sensors_asked_for_are_there() -> None:
     assert set(ASKED_FOR) <= set(SENSORS)
-    assert {sensor.kind for sensor in SENSORS.values()} | {"list"} == set(KINDS)
+    assert {sensor.kind for sensor in SENSORS.values()} | {"list"} == set(PATTERNS)
 
 
 @pytest.mark.skipif(not LASERS.exists(), reason=f"{LASERS} is not there; set ZBUF_OCCLUDE_DATA")
@@ -87,7 +87,7 @@ def test_a_scan_of_lasers_beside_the_axis_is_their_first_hits() -> None:
     assert np.allclose(found.positions, (starts + hits.distances[:, None] * directions)[met])
     local = (found.positions - pose[:3, 3]) @ pose[:3, :3]
     assert sensor.covers(local).all()
-    beside = np.linalg.norm(sensor.starts_towards(local) - found.offsets @ pose[:3, :3], axis=1)
+    beside = np.linalg.norm(sensor.ray_starts(local) - found.offsets @ pose[:3, :3], axis=1)
     assert (beside < 0.004).all()  # 0.026 m sideways turn an azimuth by some degrees at 1 m
     assert not sensor.covers(np.array([[5.0, 0.0, 0.45], [5.0, 0.0, -2.3]])).any()
 
@@ -192,14 +192,14 @@ def test_a_wrong_file(tmp_path: Path, name: str, text: str, words: str) -> None:
         ("vlp-16", {"offsets": [[0.1, 0.0]]}, "offsets must be one per laser .16.; got 1"),
         ("vlp-16", {"returns": "best"}, "one of first, strongest, last, all; got 'best'"),
         ("vlp-16", {"range_min": 200}, r"range_min must be less than range_max; got 200\.0 and 100\.0"),
-        ("vls-128", {"columns": 10**6}, "1 to 8,500,000 rays; this has 128,000,000"),
+        ("vls-128", {"columns": 10**6}, "1 to 8,500,000 rays; it has 128,000,000"),
         ("mid-40", {"frequencies": 3}, "frequencies .* 2 numbers"),
         ("mid-40", {"rate": float("nan")}, "rate .*; got nan"),
         ("mid-40", {"seconds": float("inf")}, "seconds .*; got inf"),
         ("pinhole:width", {}, "name=value; got 'width'"),
         ("pinhole:width=wide", {}, "width .* whole number.*; got 'wide'"),
         ("pinhole", {"fov": 200.0}, r"fov .* degrees; got 200\.0"),
-        ("pinhole", {"fov": 60.0, "f": 100.0}, "fov or f, and not both"),
+        ("pinhole", {"fov": 60.0, "f": 100.0}, "fov or f, not both"),
         ("kinect-v1", {"baseline": 0.075}, "baseline.*vector"),
         ("kinect-v1", {"baseline": [1.0, 2.0]}, "baseline"),
         ("kinect-v1", {"baseline": [[0, 0, "x"]]}, "baseline"),
@@ -213,7 +213,7 @@ def test_wrong_numbers(name: str, numbers: dict[str, object], words: str) -> Non
 
 def test_numbers_can_be_changed_and_the_table_stays() -> None:
     changed = make("vlp-32c", columns=900, sigma=0.5)
-    assert (changed.pattern["columns"], changed.imperfections.sigma) == (900, 0.5)
+    assert (changed.pattern["columns"], changed.noise_model.sigma) == (900, 0.5)
     assert changed.sources["columns"] == "given by the user"
     assert make("vlp-32c").pattern["columns"] == 1800
     assert make("pinhole", f=500.0).pixels == 500.0

@@ -12,9 +12,10 @@ from tests.scenes import ACROSS, box, stacked
 from zbuf_occlude import shapes
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.scene import TYPICAL
+from zbuf_occlude.scenes.scene import TYPICAL_ALBEDO
 from zbuf_occlude.sensors import Scan, look_at, make
-from zbuf_occlude.sensors.scanning import apply_dropout, detection, pose_of_camera, quantised
+from zbuf_occlude.sensors.noise import apply_dropout, detection_probability, quantise
+from zbuf_occlude.sensors.poses import pose_of_camera
 
 
 def wall(distance: float, half: float = 1.0) -> zo.Mesh:
@@ -31,12 +32,12 @@ def flat(distance: float, **numbers: Any) -> tuple[Scan, zo.sensors.Sensor]:
 @pytest.mark.parametrize("distance", [1.0, 5.0, 20.0, 60.0])
 def test_the_noise_is_the_tables(name: str, distance: float) -> None:
     """Of 40,000 returns the standard deviation is known within .4 %; 3 % are allowed."""
-    faults = make(name).imperfections
+    faults = make(name).noise_model
     numbers = {k: getattr(faults, k) for k in ("sigma", "sigma_growth", "sigma_from")}
     scan, sensor = flat(distance, **numbers)
     assert len(scan) == 40_000
     measured = float(np.std(scan.ranges - scan.clean_ranges))
-    assert measured == pytest.approx(float(sensor.imperfections.range_sigma(distance)), rel=0.03)
+    assert measured == pytest.approx(float(sensor.noise_model.range_sigma(distance)), rel=0.03)
     written = {"vlp-16": 0.03, "hdl-64e": 0.02, "mid-40": 0.02, "kinect-v1": 0.0012 + 0.0019 * (distance - 0.4) ** 2}
     written["realsense-d435"] = distance**2 * 0.1 / (424 * 0.05)
     if name in written:
@@ -46,15 +47,15 @@ def test_the_noise_is_the_tables(name: str, distance: float) -> None:
 def test_the_least_range_of_a_stereo_camera_is_where_its_matcher_s_search_ends() -> None:
     """A point is 126 pixels apart in the two pictures of a RealSense D435 where it is nearest."""
     sensor = make("realsense-d435")
-    (baseline,) = sensor.imperfections.second_eyes
-    disparity = sensor.pixels * np.linalg.norm(baseline) / sensor.imperfections.range_min
+    (baseline,) = sensor.noise_model.baselines
+    disparity = sensor.pixels * np.linalg.norm(baseline) / sensor.noise_model.range_min
     assert disparity == pytest.approx(126.0, rel=0.003)
     assert "126" in sensor.sources["range_min"]
 
 
 def test_kinects_noise_grows_with_incidence() -> None:
     """Nguyen, Izadi, Lovell 2012: .0001 / sqrt(z) theta^2 / (pi/2 - theta)^2 more from 60 degrees on."""
-    sigma = make("kinect-v1").imperfections.range_sigma
+    sigma = make("kinect-v1").noise_model.range_sigma
     theta = np.radians(75.0)
     more = 0.0001 / np.sqrt(2.0) * theta**2 / (np.pi / 2 - theta) ** 2
     assert float(sigma(2.0, theta) - sigma(2.0, 0.0)) == pytest.approx(more)
@@ -66,7 +67,7 @@ def test_quantisation() -> None:
     assert np.allclose(scan.ranges, np.round(scan.ranges / 0.01) * 0.01)
     assert np.abs(scan.ranges - scan.clean_ranges).max() <= 0.005 + 1e-12
     assert len(np.unique(scan.ranges.round(6))) < 5
-    disparity = quantised(scan, make("pinhole", disparity_step=0.01).imperfections)
+    disparity = quantise(scan, make("pinhole", disparity_step=0.01).noise_model)
     steps = 1.0 / (disparity.ranges * disparity.depths_per_range * 0.01)
     assert np.allclose(steps, np.round(steps), atol=1e-6)
 
@@ -74,37 +75,37 @@ def test_quantisation() -> None:
 def test_dropout_is_of_the_share_and_of_weak_signals() -> None:
     whole, _ = flat(5.0)
     rng = np.random.default_rng(0)
-    some = apply_dropout(whole, make("pinhole", drop=0.3).imperfections, rng)
+    some = apply_dropout(whole, make("pinhole", drop=0.3).noise_model, rng)
     assert len(some) / len(whole) == pytest.approx(0.7, abs=0.01)
-    faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).imperfections
+    faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).noise_model
     weak = apply_dropout(whole, faults, rng)
-    assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - TYPICAL * np.exp(-0.5)), abs=0.01)
+    assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - TYPICAL_ALBEDO * np.exp(-0.5)), abs=0.01)
     assert set(weak.face_ids) <= set(whole.face_ids)
 
 
 def test_detection_goes_by_albedo_incidence_and_range() -> None:
     """White, at right angles, at the reach: once in e pulses; a quarter of the albedo is as twice the range."""
-    assert detection(1.0, 1.0, 50.0, 50.0) == pytest.approx(np.exp(-1.0))
-    assert detection(0.25, 1.0, 10.0, 50.0) == pytest.approx(detection(1.0, 1.0, 20.0, 50.0))
-    steep = detection(0.2, np.cos(np.radians([0.0, 40.0, 70.0, 89.9])), 30.0, 140.0)
+    assert detection_probability(1.0, 1.0, 50.0, 50.0) == pytest.approx(np.exp(-1.0))
+    assert detection_probability(0.25, 1.0, 10.0, 50.0) == pytest.approx(detection_probability(1.0, 1.0, 20.0, 50.0))
+    steep = detection_probability(0.2, np.cos(np.radians([0.0, 40.0, 70.0, 89.9])), 30.0, 140.0)
     assert (np.diff(steep) < 0.0).all()
     # as Oren and Nayar 1994 have it, seen from where the light comes: A cos + B sin tan cos, of which A is 1 here
     a, b = 1 - 0.5 * 0.25 / (0.25 + 0.33), 0.45 * 0.25 / (0.25 + 0.09)
     angle = np.radians(70.0)
     back = np.cos(angle) * (a + b * np.sin(angle) * np.tan(angle)) / a
     assert steep[2] == pytest.approx(np.exp(-((30.0 / 140.0) ** 2) / (0.2 * back)))
-    assert detection(0.0, 1.0, 30.0, 140.0) == 0.0
+    assert detection_probability(0.0, 1.0, 30.0, 140.0) == 0.0
 
 
 @pytest.mark.parametrize("albedo", [0.05, 0.5, 1.0])
 def test_a_scan_loses_what_is_not_detected(albedo: float) -> None:
-    sensor = make("pinhole:width=200,height=200,fov=2", axial=False, reach=40.0)
+    sensor = make("pinhole:width=200,height=200,fov=2", axial=False, detection_range=40.0)
     scene = Scene.joined([Placed(wall(20.0, 20.0), "wall", albedo=albedo)])
     scan = zo.scan(scene, sensor, method="oracle")
     assert len(scan) / 40_000 == pytest.approx(np.exp(-0.25 / albedo), abs=0.01)
     assert np.allclose(scan.intensities * scan.ranges**2, albedo, rtol=1e-3)
     assert len(zo.scan(scene, sensor.with_numbers(noise=0), method="oracle")) == 40_000
-    assert len(zo.scan(scene, sensor.with_numbers(reach=0.0), method="oracle")) == 40_000
+    assert len(zo.scan(scene, sensor.with_numbers(detection_range=0.0), method="oracle")) == 40_000
 
 
 def test_limits_of_range() -> None:
@@ -233,7 +234,7 @@ def test_a_pose_moves_sensor_not_scene() -> None:
     assert pose[2, 2] > 0.9  # z stays up
 
 
-@pytest.mark.parametrize("numbers", [{"noise": 0}, {"sigma": 0.0, "reach": 0.0}], ids=["rays", "beams"])
+@pytest.mark.parametrize("numbers", [{"noise": 0}, {"sigma": 0.0, "detection_range": 0.0}], ids=["rays", "beams"])
 def test_towards_a_box_changes_nothing_within_it(numbers: dict[str, Any]) -> None:
     car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 3.0, 0.0))
     sensor, pose = make("vlp-32c", **numbers), look_at([0.0, -1.0, 2.0], [9.0, 9.0, 0.0])
@@ -253,7 +254,7 @@ def test_of_a_target_all_returns_are_there() -> None:
     car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 0.0, 0.0))
     post, wall = box().transformed(0.4, (5.0, 0.1, 0.0)), box().transformed(30.0, (31.0, 0.0, 0.0))
     scene = Scene.joined([Placed(mesh, name) for mesh, name in ((car, "car"), (post, "post"), (wall, "wall"))])
-    sensor = make("vlp-32c", sigma=0.0, reach=0.0)
+    sensor = make("vlp-32c", sigma=0.0, detection_range=0.0)
     with zo.prepare(car, "embree") as alone, zo.prepare(scene.mesh, "embree") as all_of_it:
         whole = zo.scan(scene, sensor, occluder=all_of_it)
         part = zo.scan(scene, sensor, occluder=all_of_it, towards=car.bounds, target=alone)
@@ -285,7 +286,7 @@ def test_a_sensor_in_a_cameras_place() -> None:
         (lambda: zo.scan(wall(3.0), 3), zo.ArgumentError, "sensor must be .*; got int"),
         (lambda: zo.scan(3, "vlp-16"), zo.ArgumentError, "mesh must be .*; got int"),
         (lambda: make(3), zo.ArgumentError, "a name or a file; got int"),
-        (lambda: look_at([1, 1, 1], [1, 1, 1]), zo.ArgumentError, "at its target"),
+        (lambda: look_at([1, 1, 1], [1, 1, 1]), zo.ArgumentError, "coincides with its target"),
         (lambda: look_at([0, 0, 0], [0, 1, 0], up=[0, 2, 0]), zo.ArgumentError, "up must not"),
     ],
 )
@@ -298,7 +299,7 @@ def test_the_seed_alone_decides_and_detection_has_ends() -> None:
     scans = [zo.scan(box(), make("vlp-16"), look_at([3, 0, 0], [0, 0, 0]), method="oracle", seed=s) for s in (5, 5, 6)]
     assert scans[0].positions.tobytes() == scans[1].positions.tobytes() != scans[2].positions.tobytes()
     with np.errstate(all="raise", under="ignore"):
-        ends = detection([0.2, 0.2, 0.0, 1e-320], [1.0, 0.0, 1.0, 1.0], [1e-300, np.inf, 1.0, 500.0], 130.0)
+        ends = detection_probability([0.2, 0.2, 0.0, 1e-320], [1.0, 0.0, 1.0, 1.0], [1e-300, np.inf, 1.0, 500.0], 130.0)
     assert ends.tolist() == [1.0, 0.0, 0.0, 0.0]  # no path no loss; what is black or far is never detected
 
 
@@ -311,4 +312,4 @@ def test_paint_is_the_albedo() -> None:
     part = np.clip(np.floor(1.5 - scan.points[:, 1]), 0, 2).astype(int)
     albedos = scan.intensities * scan.ranges**2 / np.cos(scan.incidences)
     assert albedos == pytest.approx(np.array([0.0, 1.0, 0.503])[part], abs=0.002)
-    assert unpainted.intensities * unpainted.ranges**2 / np.cos(unpainted.incidences) == pytest.approx(TYPICAL)
+    assert unpainted.intensities * unpainted.ranges**2 / np.cos(unpainted.incidences) == pytest.approx(TYPICAL_ALBEDO)

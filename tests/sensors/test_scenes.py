@@ -19,10 +19,10 @@ from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
 from zbuf_occlude.scenes.contents import BELONGING, Pool, read_scene, surroundings
-from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL, draw_albedos
+from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL_ALBEDO, draw_albedos
 from zbuf_occlude.scenes.sizes import SIZES, Sizes, size_of, sizes_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import ScanConfig, span_of
 from zbuf_occlude.views import Views
@@ -42,7 +42,7 @@ def setup(sensor: str = "vlp-32c", **given: Any) -> ScanConfig:
 def scans(asked: ScanConfig, views: Views, mesh: zo.Mesh = CAR, label: str = "car", seed: int = 0) -> list[Capture]:
     standing, size = in_metres(mesh, label, asked)
     floor, drawn = float(standing.bounds[0, 2]), partial(seeds, seed=seed)
-    places = sensor_places(views, size, floor, asked, drawn)
+    places = sensor_views(views, size, floor, asked, drawn)
     pool = Pool(SHAPES, asked.size, asked.scene, np.random.SeedSequence(1))
     return list(captures(standing, asked, places, floor, drawn, pool))
 
@@ -71,7 +71,7 @@ def test_joined_keeps_whose_face_is_whose() -> None:
 def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
     views = zo.views.parse("grid:3x10@15..75")
     asked = setup(sensor, scene=scene, range=(0.4, 0.4))
-    places = sensor_places(views, 0.3, -0.15, asked, seeds)
+    places = sensor_views(views, 0.3, -0.15, asked, seeds)
     assert np.allclose(places.eyes, 0.4 / 4.0 * views.eyes)
     standing = box((0.3, 0.3, 0.3))
     for view in (0, 29):  # an elevation of 75 degrees, too: nothing stands between it and the target
@@ -85,7 +85,7 @@ def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
 def test_lidars_are_mounted_above_the_ground(sensor: str) -> None:
     views = zo.views.parse("grid:3x10@15..75")
     for height in (None, 2.5):
-        places = sensor_places(
+        places = sensor_views(
             views, 0.3, -0.15, setup(sensor, scene="ground", range=(5, 5), sensor_height=height), seeds
         )
         assert np.allclose(places.eyes[:, 2], (height or 1.73) - 0.15)
@@ -94,12 +94,12 @@ def test_lidars_are_mounted_above_the_ground(sensor: str) -> None:
 
 def test_cameras_below_the_ground_stand_on_it() -> None:
     views, asked = zo.views.parse("grid:4x2@-60..0"), setup("kinect-v1", scene="room", range=(2.0, 2.0))
-    places = sensor_places(views, 1.0, -0.5, asked, seeds)
+    places = sensor_views(views, 1.0, -0.5, asked, seeds)
     wanted = 2.0 * np.sin(views.elevation)
     assert np.allclose(places.eyes[:, 2], np.maximum(wanted, -0.49))
     assert np.allclose(np.linalg.norm(places.eyes, axis=1), 2.0)
     assert n_raised(views, places, asked) == (wanted < -0.49).sum() == 6
-    assert n_raised(views, sensor_places(views, 1.0, -0.5, setup(scene="room"), seeds), setup(scene="room")) == 0
+    assert n_raised(views, sensor_views(views, 1.0, -0.5, setup(scene="room"), seeds), setup(scene="room")) == 0
 
 
 def test_albedos_are_drawn_of_objects_that_have_none() -> None:
@@ -109,9 +109,9 @@ def test_albedos_are_drawn_of_objects_that_have_none() -> None:
     quarters = np.quantile(np.log(drawn / ALBEDOS[0]) / np.log(ALBEDOS[1] / ALBEDOS[0]), [0.25, 0.5, 0.75])
     assert quarters == pytest.approx([0.25, 0.5, 0.75], abs=0.01)
     placed = [Placed(box(), "a"), Placed(box(), "b", albedo=0.5), Placed(box(), "c")]
-    assert Scene.joined(placed).albedos.tolist() == [TYPICAL, 0.5, TYPICAL]
-    assert Scene.of(box()).albedos.tolist() == [TYPICAL]
-    assert np.median(drawn) == pytest.approx(TYPICAL, rel=0.05)
+    assert Scene.joined(placed).albedos.tolist() == [TYPICAL_ALBEDO, 0.5, TYPICAL_ALBEDO]
+    assert Scene.from_mesh(box()).albedos.tolist() == [TYPICAL_ALBEDO]
+    assert np.median(drawn) == pytest.approx(TYPICAL_ALBEDO, rel=0.05)
     first, second = (Scene.joined(placed, rng=np.random.default_rng(seed)).albedos for seed in (3, 4))
     assert first[1] == second[1] == 0.5
     assert len({first[0], first[2], second[0], second[2]}) == 4
@@ -122,7 +122,7 @@ def test_albedos_are_drawn_of_objects_that_have_none() -> None:
 def test_returns_over_all_paints() -> None:
     """Of a plate across the line of sight: exp(-(range / reach)^2 / albedo), its mean over albedos of every factor."""
     plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
-    camera = make("pinhole:width=20,height=20,fov=2", axial=False, reach=40.0)
+    camera = make("pinhole:width=20,height=20,fov=2", axial=False, detection_range=40.0)
     asked = ScanConfig(camera.to_dict(), range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
     n_draws = 300
     found = [len(scans(asked, ring(1), plate, "plate", seed=seed)[0].scan) / 400 for seed in range(n_draws)]
@@ -259,12 +259,12 @@ PLACED = '{"objects": [{"mesh": "a.off", "position": [0, 0, %s}]}'
         ("[" * 100_000, "must be JSON"),
         ("[]", "no list of objects"),
         ('{"objects": [{"mesh": "a.off"}]}', "object 0: .*has no mesh or position"),
-        ('{"objects": [{"class": "tank", "position": [0, 0, 0]}]}', "no mesh .* needed of a pedestrian, .*truck"),
+        ('{"objects": [{"class": "tank", "position": [0, 0, 0]}]}', "mesh, unless its class is pedestrian, .*truck"),
         (PLACED % '0], "colour": 1', "object 0: .*; got 'colour'"),
         (PLACED % "]", r"must be JSON"),
         (PLACED % "0, 0]", r"object 0: position must be 3 numbers.*; got \[0, 0, 0, 0\]"),
         (PLACED % '0], "size": 0', "size must be a number, from .*; got 0"),
-        (PLACED % "0]", "must name a file that is there; .*a.off' is not"),
+        (PLACED % "0]", "must name a file; .*a.off' does not exist"),
     ],
 )
 def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
@@ -284,7 +284,7 @@ def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
         ({"keep": "most"}, "one of target, box, all; got 'most'"),
         ({"keep": "box:twist"}, "got 'box:twist'"),
         ({"sensor_height": 2.0}, r"--scene none lacks; got 2\.0"),
-        ({"sensor": "kinect-v1", "scene": "room", "sensor_height": 1.5}, "must be of a LiDAR .* kinect-v1 is a camera"),
+        ({"sensor": "kinect-v1", "scene": "room", "sensor_height": 1.5}, "is for a LiDAR .* kinect-v1 is a camera"),
     ],
 )
 def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:

@@ -59,8 +59,8 @@ def test_both_eyes_are_on_one_side_of_a_sheet() -> None:
 def test_steep_light_of_the_second_eye_returns_nothing() -> None:
     mesh = stacked(ACROSS * 4.0 + [4.0, 0, 0])
     scan = zo.scan(mesh, make("vlp-16", noise=0, baseline=[0.0, 1.0, 0.0]))
-    limited = zo.scan(mesh, make("vlp-16", noise=1, sigma=0, divergence=0, reach=0, step=0, baseline=[0.0, 1.0, 0.0],
-                                 baseline_incidence_max=40.0))  # fmt: skip
+    numbers = {"noise": 1, "sigma": 0, "divergence": 0, "detection_range": 0, "step": 0, "baseline": [0.0, 1.0, 0.0]}
+    limited = zo.scan(mesh, make("vlp-16", **numbers, baseline_incidence_max=40.0))
     away = scan.points - [0.0, 1.0, 0.0]
     steep = np.degrees(np.arccos(away[:, 0] / np.linalg.norm(away, axis=1))) > 40.0
     assert 0 < steep.sum() < len(scan)
@@ -71,10 +71,10 @@ def test_steep_light_of_the_second_eye_returns_nothing() -> None:
 def test_stereo_loses_its_shadow_and_half_a_window_about_what_is_nearer(side: float) -> None:
     """A strip 2 m before a wall 4 m away: f B (1/2 - 1/4) pixels of shadow at one side, 4 more at both."""
     mesh = stacked(ACROSS * 8.0 + [4.0, 0, 0], ACROSS * [1, 0.25, 8] + [2.0, 0, 0])
-    numbers = {"baseline": [0.0, side * BASELINE, 0.0], "window": 9}
+    numbers = {"baseline": [0.0, side * BASELINE, 0.0], "match_window": 9}
     sensor = make("pinhole:width=160,height=120,fov=60", **numbers)
     found, exact = zo.scan(mesh, sensor), zo.scan(mesh, sensor.with_numbers(noise=0))
-    assert places(exact) == places(zo.scan(mesh, sensor.with_numbers(window=0)))
+    assert places(exact) == places(zo.scan(mesh, sensor.with_numbers(match_window=0)))
     focal = 80.0 / np.tan(np.radians(30.0))
     for row in range(5, 115):
         columns, whole = (np.sort(each.columns[each.rings == row]) for each in (found, exact))

@@ -59,7 +59,7 @@ def test_which_return_is_kept_is_the_sensors(returns: str, transmittance: float,
 
 def test_pane_behind_pane_and_beams_of_five_rays() -> None:
     shares = (0.9, 0.5, 0.0001)
-    sensor = lidar(sigma=0, reach=0, step=0, divergence=0.003, echo_separation=0.5, returns="all")
+    sensor = lidar(sigma=0, detection_range=0, step=0, divergence=0.003, echo_separation=0.5, returns="all")
     found = zo.scan(glazed(*shares), sensor)
     for number, (before, own, depth) in enumerate(
         [(1, 0.9, 2), (0.9, 0.5, 4), (0.45, 0.0001, 6), (0.000045, 0, 10)], 1
@@ -82,7 +82,7 @@ def test_a_pane_and_a_wall_just_behind_it_are_one_echo(transmittance: float, div
         (Material((0.5,) * 3, name="glass", transmittance=transmittance), Material((0.5,) * 3)), np.arange(4) // 2
     )
     mesh = replace(stacked(*(ACROSS * 40.0 + [x, 0, 0] for x in (10.0, 10.2))), colors=colors)
-    found = zo.scan(mesh, lidar(sigma=0, reach=0, step=0, drop=0, divergence=divergence, echo_separation=0.5))
+    found = zo.scan(mesh, lidar(sigma=0, detection_range=0, step=0, drop=0, divergence=divergence, echo_separation=0.5))
     albedo = ((128 / 255 + 0.055) / 1.055) ** 2.4  # of sRGB 0.5
     reflected = found.intensities * found.clean_ranges**2 / np.cos(found.incidences)
     assert len(found) == 90 * 16
@@ -96,7 +96,7 @@ def test_of_several_echoes_the_nearest_is_a_pixels_depth() -> None:
     found = zo.scan(glazed(0.5), camera)
     inner = (found.rings > 0) & (found.rings < 19) & (found.columns > 0) & (found.columns < 29)
     assert len(found) == inner.sum() == 2 * 28 * 18
-    two_eyes = camera.with_numbers(edge_loss=0, window=5, baseline=[0, 0.05, 0])
+    two_eyes = camera.with_numbers(edge_loss=0, match_window=5, baseline=[0, 0.05, 0])
     seen = zo.scan(glazed(0.5), two_eyes)
     by_echo = [seen.select(seen.return_numbers == number) for number in (1, 2)]
     assert len(by_echo[0]) > 400

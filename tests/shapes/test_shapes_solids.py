@@ -5,6 +5,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import unshared
+from tests.solids import box_visible, holed_plate, sphere_visible, two_plates, two_plates_hidden, uv_sphere
 from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.shapes import formulas, solids
@@ -48,12 +49,12 @@ def test_icosphere() -> None:
     assert mesh.areas.max() < 1.6 * mesh.areas.min()
 
 
-@pytest.mark.parametrize("make", [lambda: solids.icosphere(4), lambda: solids.uv_sphere(64)])
+@pytest.mark.parametrize("make", [lambda: solids.icosphere(4), lambda: uv_sphere(64)])
 @pytest.mark.parametrize("distance", [1.2, 2.0, 8.0])
 def test_visible_part_of_a_sphere(make, distance: float) -> None:
     seen = visible_part(make(), (0.0, -distance, 0.0))
-    assert seen == pytest.approx(solids.sphere_visible(1.0, distance), abs=0.012)
-    assert solids.sphere_visible(1.0, distance) == (1 - 1 / distance) / 2
+    assert seen == pytest.approx(sphere_visible(1.0, distance), abs=0.012)
+    assert sphere_visible(1.0, distance) == (1 - 1 / distance) / 2
 
 
 @pytest.mark.parametrize("eye", [(3.0, 0.1, 0.2), (3.0, -4.0, 0.2), (2.0, 3.0, -4.0), (0.1, 0.1, 0.1)])
@@ -63,7 +64,7 @@ def test_visible_part_of_a_box(eye: tuple[float, float, float]) -> None:
     assert len(mesh.faces) == 12
     assert mesh.areas.sum() == pytest.approx(2 * (2.0 + 1.0 + 0.5))
     inside = all(abs(a) < s / 2 for a, s in zip(eye, size, strict=True))
-    expected = solids.box_visible(size, eye)
+    expected = box_visible(size, eye)
     assert expected == 0.0 if inside else 0.0 < expected < 1.0
     if not inside:
         assert visible_part(mesh, eye) == pytest.approx(expected, abs=0.012)
@@ -71,18 +72,18 @@ def test_visible_part_of_a_box(eye: tuple[float, float, float]) -> None:
 
 @pytest.mark.parametrize("distance", [0.5, 1.0, 4.0])
 def test_hidden_part_of_the_rear_plate(distance: float) -> None:
-    mesh = solids.two_plates(front=0.3, rear=1.0, gap=0.7)
-    hidden = solids.two_plates_hidden(0.3, 1.0, 0.7, distance)
+    mesh = two_plates(front=0.3, rear=1.0, gap=0.7)
+    hidden = two_plates_hidden(0.3, 1.0, 0.7, distance)
     assert hidden == pytest.approx((0.3 * (distance + 0.7) / distance) ** 2)
     assert 1 - visible_part(mesh, (0, -distance, 0), slice(2, 4)) == pytest.approx(hidden, abs=0.012)
     assert visible_part(mesh, (0, -distance, 0), slice(0, 2)) == 1.0
-    assert solids.two_plates_hidden(1.0, 1.0, 1.0, 5.0) == 1.0
+    assert two_plates_hidden(1.0, 1.0, 1.0, 5.0) == 1.0
 
 
 def test_rear_plate_through_a_hole() -> None:
-    mesh = solids.holed_plate(side=2.0, hole=0.5, gap=1.0)
+    mesh = holed_plate(side=2.0, hole=0.5, gap=1.0)
     assert mesh.areas.sum() == pytest.approx(4.0 - 0.25 + 4.0)
-    seen = solids.two_plates_hidden(0.5, 2.0, 1.0, 2.0)
+    seen = two_plates_hidden(0.5, 2.0, 1.0, 2.0)
     assert visible_part(mesh, (0, -2.0, 0), slice(8, 10)) == pytest.approx(seen, abs=0.012)
 
 
@@ -91,11 +92,7 @@ def test_rear_plate_through_a_hole() -> None:
     [
         (lambda: solids.icosphere(9), "subdivisions must lie in 0 to 8; got 9"),
         (lambda: solids.icosphere(2, radius=0.0), "radius must be positive and finite; got 0.0"),
-        (lambda: solids.uv_sphere(4), "segments must be at least 8; got 4"),
         (lambda: solids.box((1.0, -1.0, 1.0)), "depth must be positive and finite; got -1.0"),
-        (lambda: solids.two_plates(gap=np.inf), "gap must be positive and finite; got inf"),
-        (lambda: solids.holed_plate(1.0, 2.0), "hole must be smaller than side \\(1\\); got 2"),
-        (lambda: solids.sphere_visible(1.0, -2.0), "distance must be positive"),
         (lambda: formulas.make("blob"), "formula must be one of ellipsoid, .*; got 'blob'"),
         (lambda: formulas.make("torus", 3), "n must be at least 4; got 3"),
         (lambda: shapes.benchmark_mesh(10), "n_faces must be at least [0-9]+ for airplane 0; got 10"),

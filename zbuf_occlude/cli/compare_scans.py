@@ -9,7 +9,7 @@ from zbuf_occlude.cli.scan_options import CASTING, parse_sensor, sensor_options,
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.compare.scan_comparison import compare_scans, format_number, write_scan_report
-from zbuf_occlude.sensors.scanning import look_at
+from zbuf_occlude.sensors.poses import look_at
 
 
 @click.command(cls=Command)

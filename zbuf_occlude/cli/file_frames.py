@@ -52,7 +52,7 @@ def print_frame(path: Path, mesh: Mesh, up: str | None, unit: str | None) -> Non
 def warn_of_lying(entries: Sequence[MeshEntry], up: str | None) -> None:
     """Warn where most meshes seem to lie on their side and no up axis was given."""
     assumed = [entry for entry in entries if entry.path is not None and entry.up == "z"]
-    if up is None and assumed and (found := stances(assumed)).lie:
+    if up is None and assumed and (found := stances(assumed)).suggest_y_up:
         _warn(found)
 
 

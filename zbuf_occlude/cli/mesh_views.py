@@ -179,7 +179,7 @@ def warn_of_missing_colors(path: Path, mesh: Mesh) -> None:
 
 def warn_of_lenses(views: Views) -> None:
     """Warn that meshes and coverage ignore directions and fields of view of cameras."""
-    if views.windows is not None:
+    if views.fov_bounds is not None:
         echo("warning: only positions of cameras count here, not their directions or fields of view.", err=True)
 
 

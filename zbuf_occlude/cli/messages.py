@@ -96,7 +96,7 @@ def cut_off(cut: Mapping[str, Any] | None, scanning: Mapping[str, Any] | None) -
     """Warn of objects that reach beyond what their sensor measures; say from which range on they do not."""
     if not cut or not scanning:
         return
-    sensor, given = scanning["sensor"]["name"], scanning["sensor"]["imperfections"]
+    sensor, given = scanning["sensor"]["name"], scanning["sensor"]["noise_model"]
     least, most = given.get("range_min", 0.0), given.get("range_max", math.inf)
     if cut["too_near"]:
         clear = math.ceil(100.0 * cut["clear_range"]) / 100.0

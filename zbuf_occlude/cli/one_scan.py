@@ -28,9 +28,9 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
-from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_places
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
-from zbuf_occlude.sensors.scanning import default_caster, no_windows
+from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material
 from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.views import from_angles
 
@@ -141,13 +141,13 @@ def scan_once(
     views = from_angles(azimuth, elevation)
     floor = float(mesh.bounds[0, 2])
     try:
-        places = sensor_places(views, size, floor, setup, seeds)
+        places = sensor_views(views, size, floor, setup, seeds)
     except MeshError as error:  # the range given is within the object
         raise OptionError(str(error)) from None
     pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
     capture = next(captures(mesh, setup, places, floor, seeds, pool))
     if setup.transparent and capture.scene.transmittance is None:
-        raise OptionError(no_windows("--transparent", loaded))
+        raise OptionError(no_transparent_material("--transparent", loaded))
     if n_raised(views, places, setup):
         echo("warning: the camera would be below the ground and was placed on it. Raise --elevation.", err=True)
     return capture, size

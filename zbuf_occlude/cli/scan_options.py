@@ -212,8 +212,8 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
     transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
-    if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
-        echo(f"warning: moving objects stand still: {sensor.untimed}", err=True)
+    if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.no_motion_reason:
+        echo(f"warning: moving objects stand still: {sensor.no_motion_reason}", err=True)
     setup = ScanConfig(
         sensor.to_dict(),
         range=options["range_"],
@@ -228,7 +228,7 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
         transparent=transparent,
         motion=_motion(options),
     )
-    if setup.motion_model is not None and (said := setup.motion_model.unlike(sensor.rays())):
+    if setup.motion_model is not None and (said := setup.motion_model.duration_mismatch(sensor.rays())):
         echo(f"warning: {said}", err=True)
     return setup
 

@@ -295,9 +295,9 @@ class _Comparison:
         cases = np.select([seen & scanned, seen, scanned], [BOTH, NOT_SCANNED, NOT_SEEN], NEITHER).astype(np.uint8)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the sensor may be inside the bounding box
-            simulated = scan(Scene.of(self.mesh), sensor, sensor_to_mesh, seed=self.seed, occluder=self.occluder)
+            simulated = scan(Scene.from_mesh(self.mesh), sensor, sensor_to_mesh, seed=self.seed, occluder=self.occluder)
         middle, sigma = _spread(residuals[near])
-        sensor_sigma = sensor.imperfections.range_sigma(ranges[near], np.radians(incidences))
+        sensor_sigma = sensor.noise_model.range_sigma(ranges[near], np.radians(incidences))
         return ScanComparison(
             name=name,
             n_real=len(points),
@@ -331,7 +331,7 @@ class _Comparison:
 
     def _predict(self, sensor_to_mesh: FloatArray, sensor: Sensor) -> tuple[BoolArray, FloatArray]:
         """Return which vertices the sensor should return, and the incidences of all, degrees."""
-        model, rotation = sensor.imperfections, sensor_to_mesh[:3, :3]
+        model, rotation = sensor.noise_model, sensor_to_mesh[:3, :3]
         starts, towards, ranges = _rays(self.vertices, sensor_to_mesh, sensor)
         local = (self.vertices - sensor_to_mesh[:3, 3]) @ rotation
         side = -np.einsum("ij,ij->i", self.normals, towards)
@@ -341,7 +341,7 @@ class _Comparison:
         seen &= (measured >= model.range_min) & (measured <= model.range_max)
         seen &= self._unoccluded(starts, seen)
         second = np.zeros_like(seen)
-        for baseline in model.second_eyes:
+        for baseline in model.baselines:
             eyes = starts + rotation @ baseline
             away = eyes - self.vertices
             slope = np.einsum("ij,ij->i", self.normals, away) / np.linalg.norm(away, axis=1) * np.sign(side)
@@ -349,7 +349,7 @@ class _Comparison:
             if sensor.kind == "pinhole":
                 lit &= sensor.covers(-away @ rotation)
             second |= lit & self._unoccluded(eyes, lit)
-        if len(model.second_eyes):
+        if len(model.baselines):
             seen = second
         return seen, np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
 
@@ -405,7 +405,7 @@ CONSISTENT_WINDING = 0.9
 def _rays(points: FloatArray, sensor_to_mesh: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the origins (n, 3), unit directions (n, 3) and lengths (n,) of the rays to some points."""
     local = (points - sensor_to_mesh[:3, 3]) @ sensor_to_mesh[:3, :3]
-    starts = sensor_to_mesh[:3, 3] + sensor.starts_towards(local) @ sensor_to_mesh[:3, :3].T
+    starts = sensor_to_mesh[:3, 3] + sensor.ray_starts(local) @ sensor_to_mesh[:3, :3].T
     ranges = np.linalg.norm(points - starts, axis=1)
     return starts, (points - starts) / np.maximum(ranges, np.finfo(np.float64).tiny)[:, None], ranges
 

@@ -144,7 +144,7 @@ def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
     of_points: dict[str, NDArray[Any]] = {"position": points.positions, "face_id": points.face_ids, **points.columns}
     offsets = np.cumsum([0, *np.count_nonzero(mask, axis=1)], dtype=np.int64)
     file = io.BytesIO()
-    for array in (offsets, places.table, _table(dict(points.facts)), _table(of_points)):
+    for array in (offsets, places.to_rows(), _table(dict(points.facts)), _table(of_points)):
         np.save(file, array, allow_pickle=False)
     return file.getvalue()
 
@@ -166,7 +166,7 @@ def unpack_scans(content: bytes) -> tuple[ScanPoints, BoolArray, Views]:
         facts={name: facts[name] for name in facts.dtype.names or ()},
     )
     mask = np.repeat(np.arange(len(lengths)), lengths) == np.arange(len(lengths))[:, None]
-    return points, mask, Views.from_table(table)
+    return points, mask, Views.from_rows(table)
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> NDArray[Any]:

@@ -21,10 +21,10 @@ from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_su
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
-from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, n_raised, sensor_places
+from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.emptiness import why_empty
-from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.returns import SCAN_COLUMNS, Scan
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -43,12 +43,8 @@ CHECKED_SCANS = 4
 IN_ONE_PLACE = "all points that it sees are in one place"
 """Why a cloud is none: centred and scaled it would be the origin alone."""
 
-SCAN_ARRAYS = {
-    "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
-    "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
-    "time": "times", "return_number": "return_numbers", "share": "shares",
-}  # fmt: skip
-"""For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
+SCAN_ARRAYS = {each.name: each.attribute for each in SCAN_COLUMNS}
+"""Attribute of a `Scan` for each field of a record that has a row per point, except colours."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -97,7 +93,7 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
 
                     counts += count_coincident_surfaces(mesh, points, occluder.tolerance, key)
                     counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
-            if views.windows is not None:
+            if views.fov_bounds is not None:
                 mask = mask & views.in_frustum(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
             n_distinct, blank = n_visible.copy(), dict[int, str]()
@@ -253,8 +249,8 @@ def _places(mesh: Mesh, size: float, floor: float, setup: ScanConfig, plan: Plan
     views = plan.views_of(key)
     if views.rotations is not None:  # cameras of a file, which stand where the mesh is
         eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
-        views = Views.of_cameras(eyes, views.rotations, views.windows, sizes=views.sizes)
-    return sensor_places(views, size, floor, setup, seeds)
+        views = Views.from_cameras(eyes, views.rotations, views.fov_bounds, sizes=views.sizes)
+    return sensor_views(views, size, floor, setup, seeds)
 
 
 def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:

@@ -412,7 +412,7 @@ class Plan:
         return {
             "recipe": self.recipe.to_dict(),
             "format": self.format,
-            "views": self.views.table.tolist(),
+            "views": self.views.to_rows().tolist(),
             "classes": self.classes,
             # a unit only where one was given, as plans were written before it
             "meshes": [[e.key, e.label, e.split, e.up, *([e.unit] if e.unit else [])] for e in self.meshes],
@@ -429,7 +429,7 @@ class Plan:
             MeshEntry(key, label, split, partial(_not_loadable, key), None, *frame)
             for key, label, split, *frame in document["meshes"]
         ]
-        views = Views.from_table(document["views"])
+        views = Views.from_rows(document["views"])
         plan = cls(MeshCollection(entries), DatasetConfig(**document["recipe"]), document["format"], views)
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
         plan.__dict__["document"] = stored  # its identity, whatever a later version would write

@@ -19,27 +19,15 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors.boxes import BOX, HEIGHT, WIDTH
+from zbuf_occlude.sensors.returns import SCAN_COLUMNS
 from zbuf_occlude.views import Views
 
 Records = NDArray[Any]
 Fields = dict[str, tuple[str, tuple[int, ...]]]
 """Type, and shape of a row, of fields that have a row per point."""
 
-SCAN_FIELDS: Fields = {
-    "range": ("<f4", ()),
-    "incidence": ("<f4", ()),
-    "intensity": ("<f4", ()),
-    "ring": ("<i4", ()),
-    "column": ("<i4", ()),
-    "instance": ("<i4", ()),
-    "n_returns": ("<i4", ()),
-    "normal": ("<f4", (3,)),
-    "clean_range": ("<f4", ()),
-    "time": ("<f4", ()),
-    "return_number": ("<i4", ()),
-    "share": ("<f4", ()),
-}
-"""What a point of a scan has: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
+SCAN_FIELDS: Fields = {each.name: (each.record_dtype, each.shape) for each in SCAN_COLUMNS}
+"""Fields of a scan's points: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
 ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
@@ -133,7 +121,7 @@ def further_fields(recipe: DatasetConfig) -> Fields:
     of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
     if recipe.setup is None or recipe.complete:
         return of_attributes
-    one_return = recipe.setup.sensor_model.imperfections.returns != "all"
+    one_return = recipe.setup.sensor_model.noise_model.returns != "all"
     left_out = {"clean_range": not recipe.setup.keep_clean, "time": not recipe.setup.takes_time}
     left_out |= dict.fromkeys(("return_number", "share"), one_return)
     return {name: row for name, row in SCAN_FIELDS.items() if not left_out.get(name)} | of_attributes

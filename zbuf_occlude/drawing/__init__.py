@@ -1,1 +1,1 @@
-"""Pictures of clouds and meshes, and pages with clouds to be turned by hand."""
+"""Pictures of clouds and meshes, and pages with an interactive viewer."""

@@ -28,16 +28,16 @@ _REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they do in Markdown, if not `verbatim`."""
+    """A table of texts; ```code``` and ``**bold**`` in a cell are Markdown, unless they are `verbatim`."""
 
     title: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""  # below the table
-    texts: Collection[int] = (0,)  # columns that are text; the others are numbers, aligned right
+    texts: Collection[int] = (0,)  # columns of text, aligned left; the others are numbers, aligned right
 
     def as_markdown(self, *, aligned: bool = False) -> str:
-        """Return the table as Markdown, its title a heading; `aligned` columns also line up as plain text."""
+        """Return the table as Markdown under its title; `aligned` pads the cells so that columns line up."""
         cells = [[escape_control(cell).replace("|", "\\|") for cell in row] for row in (self.header, *self.rows)]
         widths = [max(map(len, column)) if aligned else 4 for column in zip(*cells, strict=True)]
         rule = ["-" * (width - 1) + ("-" if i in self.texts else ":") for i, width in enumerate(widths)]
@@ -53,7 +53,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a report; the heading stands above, the caption below it."""
+    """A picture of a report, with its heading above and its caption below."""
 
     name: str  # of its PNG file, without the suffix
     png: bytes
@@ -65,15 +65,12 @@ Section = Table | Picture
 
 
 def verbatim(name: str) -> str:
-    """Return a name, or a text with names in it, so that none of it is taken for markup, in Markdown and in HTML.
-
-    What could be is written as character references, which no dialect of Markdown takes for markup.
-    """
+    """Return a text that neither Markdown nor HTML reads as markup: special characters become character references."""
     return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(escape_control(name), quote=False))
 
 
 def marked_up(text: str) -> str:
-    """Turn backticks and double asterisks into HTML; everything else is escaped, but for what `verbatim` wrote."""
+    """Return a text as HTML: backticks and double asterisks become tags, all else is escaped, once only."""
     text = _REFERENCE.sub(r"&\1;", html.escape(escape_control(text)))
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
     return re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text)
@@ -98,12 +95,12 @@ def write_pages(
     page: str = "page.html.j2",
     **more: Any,
 ) -> list[Path]:
-    """Write a report: a self-contained HTML page, the same as Markdown, its pictures as PNG files; return their paths.
+    """Write a report as a self-contained HTML page and as Markdown, with its pictures as PNG files; return all paths.
 
-    `answers` and `facts` are the first paragraphs, the second kind smaller; `first` stands before the other sections,
-    as the template `page` (in ``zbuf_occlude/assets``) says, which also shows `more`. Needs the package jinja2.
+    `answers` and `facts` are the first paragraphs, `facts` in small type; `first` are sections before the others. The
+    template `page` (in ``zbuf_occlude/assets``) also gets `more`. Needs the package jinja2.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # here: pages of datasets do not need it
     from markupsafe import Markup
 
     def is_html(template: str | None) -> bool:
@@ -149,11 +146,12 @@ def pack_cloud(
     palette: list[tuple[int, int, int]] | None = None,
     emphasis: list[int] | None = None,
 ) -> dict[str, Any]:
-    """Pack a cloud as the viewer reads it; ``json_for_page`` puts it into a page.
+    """Return a cloud in the format of the viewer; `json_for_page` embeds it in a page.
 
-    Positions (n, 3) lie at most `longest`, the object's longest side, from the centre; they become int16 of the step
-    longest / 32767, unit normals (n, 3) int8, codes (m,), indices into `palette` (r, g, b in 0..255), uint8; arrays as
-    base64. Where m < n only the first m points are shown. `emphasis` are codes drawn larger, unshaded, over the others.
+    Arrays are base64. Positions (n, 3) must lie within `longest`, the object's longest side, of the centre; they become
+    int16 in steps of ``longest / 32767``. Unit normals (n, 3) become int8. Codes (m,) become uint8: indices of
+    `palette` (r, g, b in 0..255). If m < n, only the first m points are shown. Points with a code in `emphasis` are
+    drawn larger, unshaded and over the others.
     """
     positions = as_vectors(positions, "positions")
     shorts = np.clip(np.round((positions - np.asarray(centre)) / longest * 32767.0), -32767, 32767).astype("<i2")
@@ -168,12 +166,12 @@ def pack_cloud(
 
 
 def coloured(codes: ArrayLike, palette: Sequence[Sequence[int]]) -> dict[str, Any]:
-    """Return codes (n,) and their palette as the viewer reads them, to be put over those of a packed cloud."""
+    """Return codes (n,) and their palette in the format of the viewer, to replace those of a packed cloud."""
     return {"codes": _base64(np.asarray(codes).astype(np.uint8)), "palette": [list(colour) for colour in palette]}
 
 
 def json_for_page(document: Any) -> str:
-    """Return JSON that may stand inside a ``<script>`` element, whatever texts it holds."""
+    """Return JSON that is safe inside a ``<script>`` element."""
     return json.dumps(document, separators=(",", ":")).replace("<", "\\u003c")
 
 

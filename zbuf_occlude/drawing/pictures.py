@@ -1,4 +1,4 @@
-"""Still pictures of clouds and meshes as seen from an eye, drawn into matplotlib axes; no display, no global state."""
+"""Pictures of clouds and meshes from an eye, drawn into matplotlib axes without a display or global state."""
 
 from functools import cache
 from typing import Any
@@ -27,11 +27,11 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import njit
 
 COLOUR = to_hex(marks.COLOUR)
-"""What a surface is painted with by default."""
+"""Default colour of surfaces."""
 GREY = "#555555"
-"""Of axes and titles."""
+"""Colour of axes and titles."""
 MESH_PIXELS = 1200
-"""Side of the picture that `draw_mesh` rasterises; matplotlib scales it to the axes."""
+"""Side of the image that `draw_mesh` rasterises; matplotlib scales it to the axes."""
 
 
 def blank_figure(width: float, height: float) -> Figure:
@@ -51,7 +51,7 @@ def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figu
 
 
 def canvas(width: float, height: float, columns: int = 1, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """Return a figure of a size in inches, and its axes (rows, columns), or (columns,) of one row; in one style."""
+    """Return a styled figure of a size in inches, and its axes (rows, columns), or (columns,) for one row."""
     figure = blank_figure(width, height)
     panels = figure.subplots(rows, columns, squeeze=False, **options)
     for axes in panels.flat:
@@ -63,7 +63,7 @@ def canvas(width: float, height: float, columns: int = 1, rows: int = 1, **optio
 
 
 def font_file_for(text: str) -> str | None:
-    """Return an installed font that has every character of a text, matplotlib's own first; None where there is none."""
+    """Return an installed font with every character of a text, matplotlib's own if possible; None if there is none."""
     wanted = set(map(ord, text))
     fonts = sorted(font_manager.fontManager.ttflist, key=lambda font: (font.name, font.fname))
     files = [font_manager.findfont(font_manager.FontProperties()), *(font.fname for font in fonts)]
@@ -72,7 +72,7 @@ def font_file_for(text: str) -> str | None:
 
 @cache
 def _characters(font_file: str) -> frozenset[int]:
-    """The code points that a font can write."""
+    """Return the code points of a font."""
     return frozenset(FT2Font(font_file).get_charmap())
 
 
@@ -90,7 +90,7 @@ def draw_cloud(
     radius: float | None = None,
     perspective: bool = True,
 ) -> None:
-    """Draw a cloud as seen from an eye: nearer points on top, shaded so that the shape can be read.
+    """Draw a cloud from an eye: nearer points on top, shaded to show the shape.
 
     Parameters
     ----------
@@ -100,23 +100,23 @@ def draw_cloud(
     eye, target, up, perspective
         As in `zbuf_occlude.drawing.marks.project_to_picture`.
     normals : (n, 3) float, optional
-        Unit normals, either sign; points are then lit from over the viewer's shoulder. Without them depth alone shades.
+        Unit normals, either sign, for a light over the viewer's shoulder. Without them only depth shades the points.
     values : (n, 3) float, optional
-        RGB in [0, 1] for each point instead of `colour`; shaded all the same.
+        RGB in [0, 1] for each point instead of `colour`; also shaded.
     colour : str
         Any matplotlib colour.
     size : float, optional
-        Area of a point's mark in points squared; chosen by the number of points and the panel's size by default.
+        Area of a point's mark in points squared. By default it follows from the number of points and the panel's size.
     radius : float, optional
-        Half the picture's side in world units, the target in the middle: gives several panels one scale.
-        Without it the picture fits the cloud.
+        Half the picture's side in world units, with the target in the centre: gives several panels one scale. By
+        default the picture fits the cloud.
 
     Notes
     -----
-    Nothing is hidden here: points behind others are drawn first and lighter. Call it with visible points only to
-    see what the eye sees.
+    Nothing is hidden: points behind others are drawn first and lighter. Pass only visible points to show the view of
+    the eye.
     """
-    places, shaded = marks_of(
+    marks_xy, shaded = marks_of(
         positions,
         eye=eye,
         target=target,
@@ -126,13 +126,13 @@ def draw_cloud(
         colour=to_rgb(colour),
         perspective=perspective,
     )
-    _frame(axes, places, radius)
-    if not len(places):
+    _frame(axes, marks_xy, radius)
+    if not len(marks_xy):
         return
     if size is None:
         panel, (left, right) = axes.get_window_extent(), axes.get_xlim()
-        size = area_of_mark(places, (right - left) / 2.0, min(panel.width, panel.height) / axes.figure.dpi * 72.0)
-    axes.scatter(places[:, 0], places[:, 1], s=size, c=shaded, linewidths=0, rasterized=True)
+        size = area_of_mark(marks_xy, (right - left) / 2.0, min(panel.width, panel.height) / axes.figure.dpi * 72.0)
+    axes.scatter(marks_xy[:, 0], marks_xy[:, 1], s=size, c=shaded, linewidths=0, rasterized=True)
 
 
 def draw_mesh(
@@ -148,7 +148,7 @@ def draw_mesh(
     radius: float | None = None,
     perspective: bool = True,
 ) -> None:
-    """Draw a mesh as seen from an eye: flat shaded, two-sided, hidden surfaces removed by a small depth buffer.
+    """Draw a mesh from an eye: flat shaded, two-sided, with hidden surfaces removed by a small depth buffer.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def draw_mesh(
 
     Notes
     -----
-    Faces that reach behind a perspective eye are left out. Costs O(pixels covered); independent of GL.
+    Faces that reach behind a perspective eye are left out. The cost is O(covered pixels). OpenGL is not needed.
     """
     corners = mesh.corners
     screen = project_to_picture(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective)
@@ -183,31 +183,31 @@ def draw_mesh(
     pixels = screen[keep].copy()
     pixels[..., :2] = (pixels[..., :2] - (left, bottom)) / (right - left, top - bottom) * MESH_PIXELS
     if perspective:
-        pixels[..., 2] = -1.0 / pixels[..., 2]  # what is linear over the picture of a triangle
+        pixels[..., 2] = -1.0 / pixels[..., 2]  # linear over the image of a triangle
     picture = np.zeros((MESH_PIXELS, MESH_PIXELS, 4))
     _rasterise(pixels, shaded, 1.0 if edges else 0.0, np.full(picture.shape[:2], np.inf), picture)
     axes.imshow(picture, extent=(left, right, bottom, top), origin="lower", interpolation="antialiased", aspect="auto")
 
 
-def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
-    """Bare square axes about the target, or fitted to what is drawn; an axes already framed by `radius` stays."""
+def _frame(axes: Axes, positions: FloatArray, radius: float | None) -> None:
+    """Make axes bare and square, within `radius` of the target or fitted to the positions (n, 2)."""
     axes.set_axis_off()
     axes.set_aspect("equal")
-    centre, half = picture_frame(places, radius)
+    centre, half = picture_frame(positions, radius)
     axes.set_xlim(centre[0] - half, centre[0] + half)
     axes.set_ylim(centre[1] - half, centre[1] + half)
 
 
 @njit(cache=True)
 def _rasterise(pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray) -> None:
-    """Fill `picture` (h, w, 4): pixels (f, 3 corners, 3) hold x, y in pixels and a depth linear over the picture."""
+    """Fill `picture` (h, w, 4) with triangles: pixels (f, 3 corners, 3) are x, y and a depth linear over the image."""
     height, width = nearest.shape
     for face in range(len(pixels)):
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = pixels[face, 0], pixels[face, 1], pixels[face, 2]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if area == 0.0:
             continue
-        # heights over the three edges turn barycentric weights into pixels
+        # heights over the three edges convert barycentric weights to pixels
         height_a = abs(area) / max(np.hypot(cx - bx, cy - by), 1e-12)
         height_b = abs(area) / max(np.hypot(ax - cx, ay - cy), 1e-12)
         height_c = abs(area) / max(np.hypot(bx - ax, by - ay), 1e-12)

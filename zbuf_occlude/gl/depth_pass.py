@@ -256,7 +256,7 @@ def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArra
     unit = Unit.from_box(mesh.centre, mesh.diagonal)
     arrays = arrange_mesh(mesh, unit)
     views = rigid_matrices(view.poses[:, :3, :3], unit.to(view.eyes))
-    cameras = reversed_depth(views, picture_frusta(views, arrays.positions, view.windows))
+    cameras = reversed_depth(views, picture_frusta(views, arrays.positions, view.fov_bounds))
     with mesh_buffers(gl, arrays) as mesh_on_gpu:
         depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
         try:

@@ -1,4 +1,4 @@
-"""Where meshes come from: files, folders of files, and (in `shapes`) built-in families."""
+"""Meshes from files, folders and archives."""
 
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.load import load_mesh

@@ -9,7 +9,6 @@ from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, overload
-from unicodedata import decimal
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from zbuf_occlude.provenance import UNKNOWN, MeshSource
 SPLITS = ("train", "val", "test")
 
 _BUNDLE = 64
-"""Entries are pickled this many at a time: their common parts, such as classes and folders, stand there once."""
+"""Entries pickled together: their common parts, such as classes and folders, are then stored once."""
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -38,21 +37,20 @@ class MeshEntry:
     Parameters
     ----------
     key : str
-        Names the mesh, the same on every machine, and differs from all other keys of the collection.
-        Randomness is seeded with it.
+        Unique name in the collection, the same on every machine. It seeds all randomness.
     label : str
-        Name of its class.
+        Name of the class.
     split : {"train", "val", "test"}
     load : callable
-        Returns the `Mesh`, or raises `MeshError`. Can be pickled when the entry comes from a file.
+        Returns the `Mesh`, or raises `MeshError`. For an entry from a file it can be pickled.
     path : Path, optional
-        Of the file, if it comes from one.
+        File of the mesh, if there is one.
     up : str
-        The axis that points up in the file, "z" or "y"; empty without a file.
+        Axis that points up in the file, "z" or "y"; empty without a file.
     unit : str
-        Of the file, where a person gave it; the mesh is in metres then.
+        Unit of the file, where the user gave one; the mesh is then in metres.
     origin : MeshSource
-        Of a mesh that is computed; a file's is known when it has been read (`Mesh.origin`).
+        Source of a computed mesh. The source of a file is known once it is read (`Mesh.origin`).
     """
 
     key: str
@@ -69,13 +67,13 @@ class MeshEntry:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
     def origin_now(self, then: MeshSource) -> MeshSource:
-        """Return what a mesh made of `then` would be made of now; files that look the same stay closed."""
+        """Return the present source of a mesh loaded from `then`; files of the same size and time are not read."""
         if self.path is None:
             return self.origin if self.origin.sha256 else then
         return origin_now(self.path, then)
 
     def origin_of_failure(self) -> MeshSource:
-        """Return what shows of a mesh that cannot be used: if it shows something else one day, it may be used then."""
+        """Return the file sizes and times of a mesh that cannot be loaded; a change of them may mean that it can be."""
         return self.origin if self.path is None else origin_unread(self.path)
 
 
@@ -86,7 +84,7 @@ class MeshCollection(Sequence[MeshEntry]):
     ----------
     entries : iterable of MeshEntry
     remarks : iterable of str
-        Lines to be shown: which layout was recognised, and where classes and splits come from.
+        Lines for the user: the layout recognised, and the source of classes and splits.
 
     Raises
     ------
@@ -109,7 +107,7 @@ class MeshCollection(Sequence[MeshEntry]):
             keys.add(entry.key)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process gets: entries made when they are asked for, so that it need not hold all."""
+        """Return the state for another process, which unpickles entries on demand and need not hold all."""
         entries = _PickledEntries(self._entries) if isinstance(self._entries, tuple) else self._entries
         return {"_entries": entries, "remarks": self.remarks}
 
@@ -127,14 +125,14 @@ class MeshCollection(Sequence[MeshEntry]):
     @overload
     def __getitem__(self, index: slice) -> "MeshCollection": ...
     def __getitem__(self, index: int | slice) -> "MeshEntry | MeshCollection":
-        """Return an entry, or for a slice a collection."""
+        """Return an entry, or a collection for a slice."""
         if isinstance(index, slice):
             return self._with(self._entries[i] for i in range(len(self))[index])
         return self._entries[index]
 
     @property
     def classes(self) -> list[str]:
-        """Names of the classes, in natural order; the index in here is the number of a class."""
+        """Names of the classes, in natural order; a class's index here is its number."""
         return sorted({entry.label for entry in self}, key=_natural)
 
     @classmethod
@@ -147,45 +145,43 @@ class MeshCollection(Sequence[MeshEntry]):
         labels: str | os.PathLike[str] | None = None,
         colors: bool = False,
     ) -> "MeshCollection":
-        """Find the meshes in files, folders and ZIP archives; no mesh is read yet.
+        """Return the meshes in files, folders and ZIP archives, without reading them.
 
         Parameters
         ----------
         paths : path-like or iterable of path-like
             Any of: a mesh file; a folder or a ZIP archive in one of the layouts of `zbuf_occlude.meshes.layouts`
             (ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K, plain class folders), or a part of one. A
-            folder without mesh files may hold ZIP archives, each read as a folder of its name; so may ShapeNetCore's.
+            folder without mesh files may contain ZIP archives, each read as a folder of its name; so may ShapeNetCore.
         up : {"z", "y"}, optional
-            As in `load_mesh`, for all of them; by default what the layout says, or else the format.
+            As in `load_mesh`, for all meshes. Default: the layout's axis, else the format's.
         unit : {"mm", "cm", "m", "in"}, optional
-            As in `load_mesh`, for all of them.
+            As in `load_mesh`, for all meshes.
         labels : path-like, optional
-            A file that says which mesh is of which class and split (`zbuf_occlude.meshes.labels`). What it does not
-            name is left out.
+            A label file with classes and splits (`zbuf_occlude.meshes.labels`). Meshes without a label are left out.
         colors : bool
             Load the meshes with their colours, as in `load_mesh`.
 
         Returns
         -------
         MeshCollection
-            In natural order of the keys (``chair_2`` before ``chair_10``). `remarks` say what was recognised.
+            In natural order of the keys (``chair_2`` before ``chair_10``). `remarks` describe the layouts.
 
         Raises
         ------
         MeshError
-            A path does not exist or cannot be read, a file is of a format not read here, or a folder has no mesh.
+            A path does not exist or cannot be read; a file has another format; a folder has no mesh.
         OptionError
-            `up` or `unit` is unknown; the labels, or a layout's own list of splits, cannot be read; labels are of none
-            of the meshes.
+            `up` or `unit` is unknown; the labels, or a layout's list of splits, cannot be read; no label matches a
+            mesh.
 
         Notes
         -----
-        The layout decides key, label and split from names alone, so that they are the same on every machine and for a
-        part of a collection as for the whole. A key that another path given earlier has taken already gets ``~2``,
-        ``~3``... A file met twice is taken once. In keys and labels, which are lines of text files, line breaks,
-        control characters and bytes that are not UTF-8 are written as in Python, ``\\n``, ``\\xff``.
-        Files of other formats and hidden ones are ignored, linked folders followed. A folder below the path given that
-        cannot be read is one entry, ``FOLDER/*``, which fails when it is loaded.
+        Key, label and split follow from names alone: they are the same on every machine, and for a part of a collection
+        as for the whole. A key that an earlier path has already gets ``~2``, ``~3``... A file found twice is taken
+        once. Keys and labels are lines of text files: line breaks, control characters and bytes that are not UTF-8 are
+        escaped as in Python, ``\\n``, ``\\xff``. Files of other formats and hidden files are ignored; linked folders
+        are followed. A subfolder that cannot be read becomes one entry, ``FOLDER/*``, whose loading fails.
         """
         check_frame(up, unit)
         colors = as_flag(colors, "colors")
@@ -194,55 +190,62 @@ class MeshCollection(Sequence[MeshEntry]):
             raise MeshError("at least one mesh file or folder must be given; got none.")
         entries: dict[str, MeshEntry] = {}
         remarks: list[str] = []
-        met: set[str] = set()
+        known: set[str] = set()
         for path in map(Path, given):
             tree = tree_at(path)
-            layout, (places, said) = recognise(tree)
+            layout, (meshes, notes) = recognise(tree)
             if not tree.single:
-                remarks.append("; ".join([f"{escape_control(str(path))}: layout {layout.name}", *said]))
-            for place in places:
-                file = tree.path_of(place.file)
+                remarks.append("; ".join([f"{escape_control(str(path))}: layout {layout.name}", *notes]))
+            for each in meshes:
+                file = tree.path_of(each.file)
                 absolute = os.path.abspath(file)
-                if absolute in met:
+                if absolute in known:
                     continue
-                met.add(absolute)
-                key = _free(escape_control(place.key), entries)
+                known.add(absolute)
+                key = _unique_key(escape_control(each.key), entries)
                 load = (
                     partial(_unreadable, file.parent)
                     if file.name == ALL
                     else _FromFile(file, up or layout.up, unit, key, colors)
                 )
-                up_there = up or layout.up or default_up(file)
-                entries[key] = MeshEntry(
-                    key, escape_control(place.label), place.split, load, file, up_there, unit or ""
-                )
+                axis = up or layout.up or default_up(file)
+                entries[key] = MeshEntry(key, escape_control(each.label), each.split, load, file, axis, unit or "")
         found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
         return found if labels is None else found.labelled(labels)
 
     def labelled(self, path: str | os.PathLike[str]) -> "MeshCollection":
-        """Return the entries that a file of labels names, with its classes and splits.
+        """Return the entries named in a label file, with its classes and splits.
 
-        OptionError for a file that cannot be read, names no mesh of the collection, or names one that several could be.
+        Raises
+        ------
+        OptionError
+            The file cannot be read, no label matches a mesh, or a label matches several.
         """
         labels = read_labels(Path(path))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
         if not found:
             raise OptionError(
-                f"{path} must label meshes that were found; none of its {len(labels):,} labels is of one, "
-                f"its first is {labels[0].key!r:.80}, the first mesh {self[0].key!r:.80}."
+                f"{path}: none of its {len(labels):,} labels matches a mesh; the first label is "
+                f"{labels[0].key!r:.80}, the first mesh {self[0].key!r:.80}."
             )
         entries = [
             replace(e, label=escape_control(label.label or e.label), split=label.split or e.split) for e, label in found
         ]
-        said = (
+        remark = (
             f"{escape_control(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
         )
         if n_unknown:
-            said += f"; {n_unknown:,} of its labels are of no mesh"
-        return MeshCollection(entries, (*self.remarks, said))
+            remark += f"; {n_unknown:,} of its labels match no mesh"
+        return MeshCollection(entries, (*self.remarks, remark))
 
     def select(self, *, classes: Iterable[str] | None = None, splits: Iterable[str] | None = None) -> "MeshCollection":
-        """Return the entries of some classes and splits, in their order; OptionError for one that no entry has."""
+        """Return the entries of some classes and splits, in their order.
+
+        Raises
+        ------
+        OptionError
+            No entry has one of the classes or splits.
+        """
         chosen = {}
         for what, names, known in (
             ("class", classes, self.classes),
@@ -254,16 +257,16 @@ class MeshCollection(Sequence[MeshEntry]):
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":
-        """Return the first `n` entries, all of them when there are fewer; OptionError for `n` below 1."""
+        """Return the first `n` entries, or all if there are fewer; raise OptionError for `n` below 1."""
         if n < 1:
             raise OptionError(f"a limit must be at least 1; got {n}.")
         return self[:n]
 
     def interleaved(self) -> "MeshCollection":
-        """Return the same entries with classes and splits in turn, so that the first few see all of them.
+        """Return the entries reordered so that classes and splits alternate.
 
-        As many entries as there are classes see every class, and about as many of each split as can be.
-        Within a class and split the order stays.
+        The first entries, as many as there are classes, contain every class and each split about equally often. The
+        order within a class and split stays.
         """
         queues: dict[str, dict[str, list[MeshEntry]]] = {}
         for entry in self:
@@ -271,9 +274,9 @@ class MeshCollection(Sequence[MeshEntry]):
         turns = []
         for number, label in enumerate(self.classes):
             splits = [split for split in SPLITS if split in queues[label]]
-            first = number % len(splits)  # each class begins with another split
-            turns.append(list(_in_turn([queues[label][split] for split in splits[first:] + splits[:first]])))
-        return self._with(_in_turn(turns))
+            first = number % len(splits)  # consecutive classes begin with different splits
+            turns.append(list(_round_robin([queues[label][split] for split in splits[first:] + splits[:first]])))
+        return self._with(_round_robin(turns))
 
     def _with(self, entries: Iterable[MeshEntry]) -> "MeshCollection":
         return MeshCollection(entries, self.remarks)
@@ -281,7 +284,7 @@ class MeshCollection(Sequence[MeshEntry]):
 
 @dataclass(frozen=True, slots=True)
 class _FromFile:
-    """Loads a mesh from its file. (Of a million meshes a `partial` each would take 300 bytes more.)"""
+    """A function that loads a mesh from its file, 300 bytes smaller than a `partial`: there may be millions."""
 
     file: Path
     up: str | None
@@ -294,47 +297,44 @@ class _FromFile:
 
 
 def _unreadable(folder: Path) -> Mesh:
-    """Raise MeshError that says why a folder cannot be read."""
+    """Raise MeshError with the cause that a folder cannot be read."""
     check_readable(folder)
-    raise MeshError(f"{folder}: a folder must be readable; it was not when meshes were looked for. Start again.")
+    raise MeshError(f"{folder}: the folder could not be read when meshes were searched. Start again.")
 
 
-def _free(key: str, taken: dict[str, MeshEntry]) -> str:
-    number, free = 1, key
-    while free in taken:
+def _unique_key(key: str, entries: dict[str, MeshEntry]) -> str:
+    number, unique = 1, key
+    while unique in entries:
         number += 1
-        free = f"{key}~{number}"
-    return free
+        unique = f"{key}~{number}"
+    return unique
 
 
-def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
-    """Take the first of each queue, then the second of each, and so on."""
+def _round_robin(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
+    """Yield the first entry of each queue, then the second of each, and so on."""
     for row in zip_longest(*queues):
         yield from (entry for entry in row if entry is not None)
 
 
 def _natural(text: str) -> tuple[bytes, str]:
-    """Sort key that compares runs of digits as numbers, after letters, and equal ones by the text itself.
+    """Return a sort key in which runs of ASCII digits compare as numbers, after letters.
 
-    Letters become their bytes and a 0; digits become 255, their number and themselves. Bytes are small, and the sort
-    keys of all entries are in memory at once. Names in archives may have more digits than Python turns into an int.
+    The key is small, since the keys of all entries are in memory at once.
     """
-    parts = []
-    for part in filter(None, _DIGITS.split(text)):
-        if part.isdecimal():
-            ascii_part = part if part.isascii() else "".join(str(decimal(digit)) for digit in part)
-            digits = ascii_part.lstrip("0").encode()
-            parts.append(b"\xff%b%b" % (len(digits).to_bytes(2), digits))
-        else:
-            parts.append(part.encode(errors="surrogatepass") + b"\0")
-    return b"".join(parts), text
+    return _DIGITS.sub(_natural_digits, text.encode(errors="surrogatepass")), text
 
 
-_DIGITS = re.compile(r"(\d+)")
+def _natural_digits(run: re.Match[bytes]) -> bytes:
+    digits = run[0].lstrip(b"0")
+    end_of_word = b"\0" if run.start() else b""
+    return b"%b\xff%b%b" % (end_of_word, len(digits).to_bytes(2), digits)
+
+
+_DIGITS = re.compile(rb"[0-9]+")
 
 
 class _PickledEntries:
-    """Entries kept as bytes and unpickled where they are asked for; a million are two arrays."""
+    """Entries stored as bytes and unpickled on demand: two arrays for a million entries."""
 
     def __init__(self, entries: Sequence[MeshEntry]) -> None:
         bundles = [pickle.dumps(entries[i : i + _BUNDLE], protocol=5) for i in range(0, len(entries), _BUNDLE)]
@@ -347,15 +347,15 @@ class _PickledEntries:
         return self._n
 
     def __getitem__(self, index: int) -> MeshEntry:
-        bundle, place = divmod(range(self._n)[index], _BUNDLE)
-        return self._bundle(bundle)[place]
+        bundle, row = divmod(range(self._n)[index], _BUNDLE)
+        return self._bundle(bundle)[row]
 
     def __iter__(self) -> Iterator[MeshEntry]:
         for bundle in range(len(self._ends) - 1):
             yield from self._bundle(bundle)
 
     def _bundle(self, number: int) -> Sequence[MeshEntry]:
-        known, entries = self._last  # read once: another thread may be here
+        known, entries = self._last  # read once: another thread may replace it
         if known != number:
             entries = pickle.loads(self._bytes[self._ends[number] : self._ends[number + 1]].tobytes())
             self._last = number, entries

@@ -1,4 +1,4 @@
-"""glTF 2.0 scenes, .gltf or .glb: which mesh is shown where, in which colours; `gltf_data` reads the numbers."""
+"""glTF 2.0 scenes, .gltf or .glb: nodes, meshes and colours; `gltf_data` reads the numbers."""
 
 import json
 import math
@@ -14,26 +14,26 @@ from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Attributes, Data, Json, whole
-from zbuf_occlude.meshes.looks import PolygonColors, Textures
 from zbuf_occlude.meshes.mesh_files import MeshFiles
+from zbuf_occlude.meshes.polygon_colors import PolygonColors, Textures
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 
 _LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
 _READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_node_visibility")
 _HARMLESS = re.compile(r"[A-Z0-9]+_(materials|texture|lights|packing|techniques|animation|audio|xmp|physics)_")
-"""Extensions that a file may require without that positions or faces were hidden from this reader."""
+"""Required extensions that do not affect positions and faces."""
 
 _DEEPEST = 200  # levels of nodes
 _ROUNDING = 1e-3
-"""By which the length of a rotation may differ from 1, and weights be below 0: they have a few decimals, or a byte."""
+"""Tolerance of a quaternion's length and of negative weights: both may be stored with few decimals or as bytes."""
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 
 
 Rows = TypeVar("Rows", FloatArray, Ints)
 
 
-class _Part(NamedTuple):
-    """The triangles of one primitive, in its mesh's own space, morphed."""
+class _Primitive(NamedTuple):
+    """The triangles of one primitive, morphed, in the space of its mesh."""
 
     material_id: int | None
     attributes: Attributes
@@ -44,32 +44,36 @@ class _Part(NamedTuple):
 
 
 def read_gltf(data: bytes, files: MeshFiles, *, colors: bool = False) -> tuple[Polygons, PolygonColors | None]:
-    """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it, and colours if wanted.
+    """Return the triangles of a glTF scene in world space and, with `colors`, their colours.
 
-    Axes and units are the file's (y up). Triangles come mesh by mesh in the order in which nodes show them, parents
-    first. Raises MeshError for what is not glTF 2, cut short, damaged, with missing buffers, of a required extension
-    that is not read, compressed by meshopt, or by Draco where the package DracoPy (extra `draco`) is missing.
+    Axes and units are the file's (y up). Triangles come mesh by mesh, in the order of the nodes, parents first.
 
-    Triangles, strips and fans are read; points and lines are left out. Skinned meshes stand as the file's own joints
-    pose them, which is the bind pose unless its exporter left another. Morph targets are applied with the default
-    weights of node or mesh. Instances (EXT_mesh_gpu_instancing) are all shown; hidden nodes (KHR_node_visibility)
-    are not. Vertices that no triangle uses are left out. Without a default scene the first one is shown, without scenes
-    every node that is no other's child. Faces of mirrored nodes are turned over, to face as they did. What no shown
-    triangle needs (targets of weight 0, animations, normals) is not looked at.
+    Triangles, strips and fans are read; points and lines are left out. Skinned meshes have the pose of the file's
+    joints, usually the bind pose. Morph targets are applied with the default weights of node or mesh. All instances
+    (EXT_mesh_gpu_instancing) are included; hidden nodes (KHR_node_visibility) are not. Vertices that no triangle uses
+    are left out. Without a default scene the first one is read; without scenes, all nodes that are no other's child.
+    Faces of mirrored nodes are reversed, so that they keep their orientation. Data that no triangle needs (targets of
+    weight 0, animations, normals) are not read.
+
+    Raises
+    ------
+    MeshError
+        The file is not glTF 2, cut short or damaged; a buffer is missing; a required extension is not supported; or the
+        file is compressed by meshopt, or by Draco without the package DracoPy (extra `draco`).
     """
     try:
         document, binary = _split(data)
         scene = _Scene(document, Data(document, binary, files))
         positions, triangles = scene.flattened()
-        look = scene.look(triangles.reshape(-1)) if colors else None
+        polygon_colors = scene.colors(triangles.reshape(-1)) if colors else None
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError, OSError) as error:
         if isinstance(error, MeshError):
             raise
-        # the structure of the JSON is the file's, and so are its mistakes
+        # any of these errors may follow from a wrong structure of the JSON
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:80]}"
         raise MeshError(f"it must be valid glTF 2.0; its structure is broken ({reason}). Is it damaged?") from None
     used, corners = np.unique(triangles, return_inverse=True)
-    return Polygons.from_triangles(positions[used], corners), look
+    return Polygons.from_triangles(positions[used], corners), polygon_colors
 
 
 def _split(data: bytes) -> tuple[Json, bytes | None]:
@@ -77,7 +81,7 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
     binary = None
     if data.startswith(b"glTF"):
         version, declared, n_json, kind = struct.unpack_from("<III4s", data.ljust(20, b"\0"), 4)
-        if version != 2 and len(data) >= 8:  # the first version had its chunks elsewhere
+        if version != 2 and len(data) >= 8:  # version 1 has another layout of chunks
             raise MeshError(f"a GLB file must be of version 2; it is of version {version}. Export it as glTF 2.0.")
         rest = data[20 + n_json : declared]
         n_binary = int.from_bytes(rest[:4], "little")
@@ -92,22 +96,20 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
-        raise MeshError(
-            "a glTF file must be JSON; this one cannot be read as that. Is it damaged or cut short?"
-        ) from None
+        raise MeshError("a glTF file must be JSON; this one is not. Is it damaged or cut short?") from None
     if not str(document["asset"]["version"]).startswith("2."):
         raise MeshError(f"a glTF file must be of version 2; it is of {str(document['asset']['version'])[:20]!r}.")
     required = [str(name)[:60] for name in document.get("extensionsRequired", [])]
     if unknown := [name for name in required if name not in _READ and not _HARMLESS.match(name)]:
         raise MeshError(
             f"a glTF file must not require extensions that are not read; it requires {', '.join(unknown)} "
-            f"(read are {', '.join(_READ)}). Export it without."
+            f"({', '.join(_READ)} are read). Export it without."
         )
     return document, binary
 
 
 class _Scene:
-    """The nodes of a document, and what they show."""
+    """The nodes of a document, and their meshes."""
 
     def __init__(self, document: Json, data: Data) -> None:
         self._document, self._data = document, data
@@ -119,35 +121,35 @@ class _Scene:
             if scenes
             else sorted(set(range(len(self._nodes))).difference(*map(_children, self._nodes)))
         )
-        self._parts: dict[tuple[int, tuple[float, ...]], list[_Part]] = {}
-        self._shown: list[tuple[_Part, int]] = []  # parts and their numbers of copies, as far as the scene is flattened
+        self._primitives: dict[tuple[int, tuple[float, ...]], list[_Primitive]] = {}
+        self._shown: list[tuple[_Primitive, int]] = []  # primitives and their numbers of copies, set by `flattened`
 
     def flattened(self) -> tuple[FloatArray, Ints]:
         """Return all vertices and triangles of the scene."""
-        placed = list(self._placed())
-        matrices = {node_id: matrix for node_id, matrix, _ in placed}
-        shown: dict[tuple[int, int | None, tuple[float, ...]], list[FloatArray]] = {}  # where a mesh is shown alike
-        for node_id, matrix, is_visible in placed:
+        nodes = list(self._walk())
+        matrices = {node_id: matrix for node_id, matrix, _ in nodes}
+        shown: dict[tuple[int, int | None, tuple[float, ...]], list[FloatArray]] = {}  # by mesh, skin and weights
+        for node_id, matrix, is_visible in nodes:
             node = self._nodes[node_id]
             if "mesh" in node and is_visible:
                 mesh_id, skin = whole(node["mesh"]), whole(node["skin"]) if "skin" in node else None
                 morphed = tuple(map(float, node.get("weights", self._meshes[mesh_id].get("weights", ()))))
                 shown.setdefault((mesh_id, skin, morphed), []).extend(self._instances(node, matrix))
         positions, triangles, n_vertices = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
-        for (mesh_id, skin, morphed), places in shown.items():
-            for part in self._parts_of(mesh_id, morphed):
-                self._data.count(len(places) * (len(part.positions) + part.triangles.size))
-                moved, mirrored = self._moved(part, skin, np.array(places), matrices)
-                firsts = n_vertices + len(part.positions) * np.arange(len(moved))
-                turned = np.where(mirrored[:, None, None], part.triangles[:, ::-1], part.triangles)
+        for (mesh_id, skin, morphed), poses in shown.items():
+            for each in self._primitives_of(mesh_id, morphed):
+                self._data.count(len(poses) * (len(each.positions) + each.triangles.size))
+                moved, mirrored = self._moved(each, skin, np.array(poses), matrices)
+                firsts = n_vertices + len(each.positions) * np.arange(len(moved))
+                oriented = np.where(mirrored[:, None, None], each.triangles[:, ::-1], each.triangles)
                 positions.append(moved.reshape(-1, 3))
-                triangles.append((turned + firsts[:, None, None]).reshape(-1, 3))
+                triangles.append((oriented + firsts[:, None, None]).reshape(-1, 3))
                 n_vertices += len(positions[-1])
-                self._shown.append((part, len(moved)))
+                self._shown.append((each, len(moved)))
         return np.concatenate(positions), np.concatenate(triangles)
 
-    def _placed(self) -> Iterator[tuple[int, FloatArray, bool]]:
-        """Yield each node of the scene, the matrix that takes it to world space, and if it shows; parents first."""
+    def _walk(self) -> Iterator[tuple[int, FloatArray, bool]]:
+        """Yield each node of the scene, its matrix to world space, and whether it is visible; parents first."""
         met: set[int] = set()
         stack = [(node_id, np.eye(4), True, 1) for node_id in reversed(self._roots)]
         while stack:
@@ -163,14 +165,14 @@ class _Scene:
             yield node_id, matrix, is_visible
             stack += [(child, matrix, is_visible, level + 1) for child in reversed(_children(node))]
 
-    def _parts_of(self, mesh_id: int, morphed: tuple[float, ...]) -> list[_Part]:
+    def _primitives_of(self, mesh_id: int, morphed: tuple[float, ...]) -> list[_Primitive]:
         key = mesh_id, morphed
-        if key not in self._parts:
-            parts = [self._part(mesh_id, primitive, morphed) for primitive in self._meshes[mesh_id]["primitives"]]
-            self._parts[key] = [part for part in parts if part is not None]
-        return self._parts[key]
+        if key not in self._primitives:
+            found = [self._primitive(mesh_id, each, morphed) for each in self._meshes[mesh_id]["primitives"]]
+            self._primitives[key] = [each for each in found if each is not None]
+        return self._primitives[key]
 
-    def _part(self, mesh_id: int, primitive: Json, morphed: Sequence[float]) -> _Part | None:
+    def _primitive(self, mesh_id: int, primitive: Json, morphed: Sequence[float]) -> _Primitive | None:
         mode = primitive.get("mode", _TRIANGLES)
         if mode in _LINES_AND_POINTS or "POSITION" not in primitive["attributes"]:
             return None
@@ -187,8 +189,12 @@ class _Scene:
         joints = weights = None
         if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
             sets = [k for k in range(len(attributes)) if f"JOINTS_{k}" in attributes and f"WEIGHTS_{k}" in attributes]
-            joints = np.hstack([_of(positions, attributes.integers(f"JOINTS_{k}", "JOINTS"), "JOINTS") for k in sets])
-            weights = np.hstack([_of(positions, attributes.floats(f"WEIGHTS_{k}", "WEIGHTS"), "WEIGHTS") for k in sets])
+            joints = np.hstack(
+                [_per_vertex(positions, attributes.integers(f"JOINTS_{k}", "JOINTS"), "JOINTS") for k in sets]
+            )
+            weights = np.hstack(
+                [_per_vertex(positions, attributes.floats(f"WEIGHTS_{k}", "WEIGHTS"), "WEIGHTS") for k in sets]
+            )
             if (weights < -_ROUNDING).any():
                 raise MeshError(
                     f"the weights of joints must not be negative; one is {weights.min():g}. Export the mesh again."
@@ -196,10 +202,12 @@ class _Scene:
             weights = np.maximum(weights, 0.0)
         material_id = whole(primitive["material"]) if "material" in primitive else None
         positions = self._morphed(positions, primitive, morphed)
-        return _Part(material_id, attributes, positions, _checked(triangles, len(positions)), joints, weights)
+        return _Primitive(
+            material_id, attributes, positions, _check_indices(triangles, len(positions)), joints, weights
+        )
 
     def _morphed(self, positions: FloatArray, primitive: Json, weights: Sequence[float]) -> FloatArray:
-        """Return positions (n, 3) with the morph targets of a primitive added, each by its weight."""
+        """Return positions (n, 3) plus the weighted morph targets of a primitive."""
         targets = primitive.get("targets", ())
         if (targets and len(weights) not in (0, len(targets))) or not all(abs(weight) <= LARGEST for weight in weights):
             raise MeshError(
@@ -209,18 +217,18 @@ class _Scene:
         for target, weight in zip(targets, weights, strict=False):
             if weight and "POSITION" in target:
                 offsets = self._data.floats(target["POSITION"], "target POSITION")
-                with np.errstate(all="ignore"):  # what overflows is judged later, if a triangle uses it
-                    positions = positions + weight * _of(positions, offsets, "targets")
+                with np.errstate(all="ignore"):  # `Polygons` checks for overflow where a triangle uses it
+                    positions = positions + weight * _per_vertex(positions, offsets, "targets")
         return positions
 
     def _moved(
-        self, part: _Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
+        self, primitive: _Primitive, skin_id: int | None, poses: FloatArray, matrices: dict[int, FloatArray]
     ) -> tuple[FloatArray, BoolArray]:
-        """Return a part's positions (k, n, 3) in k places, world space, and in which it is mirrored."""
-        if skin_id is None or part.joints is None or part.weights is None:
-            with np.errstate(all="ignore"):  # what overflows is judged later, if a triangle uses it
-                moved = np.einsum("kab,vb->kva", places[:, :3, :3], part.positions) + places[:, None, :3, 3]
-            return moved, np.linalg.det(places[:, :3, :3]) < 0
+        """Return a primitive's positions (k, n, 3) in k poses, world space, and the mask of mirrored poses."""
+        if skin_id is None or primitive.joints is None or primitive.weights is None:
+            with np.errstate(all="ignore"):  # `Polygons` checks for overflow where a triangle uses it
+                moved = np.einsum("kab,vb->kva", poses[:, :3, :3], primitive.positions) + poses[:, None, :3, 3]
+            return moved, np.linalg.det(poses[:, :3, :3]) < 0
         skin = self._skins[skin_id]
         ids = list(map(whole, skin["joints"]))
         if unplaced := [joint for joint in ids if joint not in matrices]:
@@ -228,7 +236,7 @@ class _Scene:
                 f"the joints of a skin must be nodes of the scene; node {unplaced[0]} is not. Export it again."
             )
         posed = np.array([matrices[joint] for joint in ids])
-        if "inverseBindMatrices" in skin:  # columns first, as all matrices of glTF
+        if "inverseBindMatrices" in skin:  # column-major, as all matrices of glTF
             binds = self._data.floats(skin["inverseBindMatrices"], "inverseBindMatrices").reshape(-1, 4, 4)
             if len(binds) < len(ids):
                 raise MeshError(
@@ -236,16 +244,16 @@ class _Scene:
                     "file damaged?"
                 )
             posed = posed @ binds[: len(ids)].transpose(0, 2, 1)
-        total = part.weights.sum(axis=1, keepdims=True)
-        weights = np.divide(part.weights, total, out=np.zeros_like(part.weights), where=total > 0)
-        blended = np.einsum("vj,vjab->vab", weights, posed[part.joints])
+        total = primitive.weights.sum(axis=1, keepdims=True)
+        weights = np.divide(primitive.weights, total, out=np.zeros_like(primitive.weights), where=total > 0)
+        blended = np.einsum("vj,vjab->vab", weights, posed[primitive.joints])
         blended[total[:, 0] <= 0] = np.eye(4)
-        moved = np.einsum("vab,vb->va", blended[:, :3, :3], part.positions) + blended[:, :3, 3]
-        # a node that shows a skinned mesh does not move it: all its places are one
+        moved = np.einsum("vab,vb->va", blended[:, :3, :3], primitive.positions) + blended[:, :3, 3]
+        # the node of a skinned mesh does not move it: all its poses are one
         return moved[None], np.array([np.linalg.det(posed[:, :3, :3]).mean() < 0])
 
     def _instances(self, node: Json, matrix: FloatArray) -> Iterator[FloatArray]:
-        """Yield where a node shows its mesh: once, or as often as its instances say."""
+        """Yield the matrices of a node's mesh: its own, or those of its instances."""
         instancing = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
         if instancing is None:
             yield matrix
@@ -260,49 +268,50 @@ class _Scene:
             local = _local({name.lower(): values[row].tolist() for name, values in given.items()})
             yield matrix if local is None else matrix @ local
 
-    def look(self, corners: Ints) -> PolygonColors:
-        """Return the colours of the triangles of `flattened`, whose corners (3 f,) are indices of its vertices.
+    def colors(self, corners: Ints) -> PolygonColors:
+        """Return the colours of the triangles of `flattened`, given their vertices (3 f,).
 
-        Linear light, as the standard has it; a primitive without a material is white. Of a texture that cannot be read
-        (Basis Universal, a missing file) the material's factor is left.
+        Colours are linear, as the standard says. A primitive without a material is white. Without a texture that cannot
+        be read (Basis Universal, a missing file) the material's factor is used.
         """
         textures, materials = Textures(), [WHITE]
         numbers: dict[Any, int] = {None: 0}
         colors, uvs, ids = [np.empty((0, 3))], [np.empty((0, 2))], [np.empty(0, np.int64)]
-        for part, n_copies in self._shown:
-            attributes, material_id, n_vertices = part.attributes, part.material_id, len(part.positions)
+        for primitive, n_copies in self._shown:
+            attributes, material_id, n_vertices = primitive.attributes, primitive.material_id, len(primitive.positions)
             material = {} if material_id is None else self._document["materials"][material_id]
             texture, factor = _base_color(material)
             if material_id not in numbers:
                 numbers[material_id] = len(materials)
-                about = str(material.get("name", "")), _transmittance(material)
-                materials.append(Material(factor, *self._image(texture, textures), *about))
+                name_and_share = str(material.get("name", "")), _transmittance(material)
+                materials.append(Material(factor, *self._image(texture, textures), *name_and_share))
             own: FloatArray = np.ones((n_vertices, 3))
             if "COLOR_0" in attributes:
-                own = _of(part.positions, attributes.floats("COLOR_0", "COLOR_0")[:, :3], "COLOR_0")
+                own = _per_vertex(primitive.positions, attributes.floats("COLOR_0", "COLOR_0")[:, :3], "COLOR_0")
             uv: FloatArray = np.full((n_vertices, 2), np.nan)
             if texture is not None:
-                turn = texture.get("extensions", {}).get("KHR_texture_transform", {})
-                name = f"TEXCOORD_{whole(turn.get('texCoord', texture.get('texCoord', 0)))}"
+                transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
+                name = f"TEXCOORD_{whole(transform.get('texCoord', texture.get('texCoord', 0)))}"
                 if name in attributes:
-                    uv = _transformed(_of(part.positions, attributes.floats(name, "TEXCOORD"), name), turn)
+                    own_uv = _per_vertex(primitive.positions, attributes.floats(name, "TEXCOORD"), name)
+                    uv = _transformed(own_uv, transform)
             colors.append(np.tile(own, (n_copies, 1)))
             uvs.append(np.tile(uv, (n_copies, 1)))
-            ids.append(np.full(n_copies * len(part.triangles), numbers[material_id]))
-        owners, places = np.concatenate(ids), np.concatenate(uvs)[corners]
-        # triangles without texture coordinates get their material without its texture
-        bare = ~np.isfinite(places).reshape(len(owners), 6).all(axis=1)
+            ids.append(np.full(n_copies * len(primitive.triangles), numbers[material_id]))
+        owners, corner_uv = np.concatenate(ids), np.concatenate(uvs)[corners]
+        # triangles without texture coordinates have their material without its texture
+        bare = ~np.isfinite(corner_uv).reshape(len(owners), 6).all(axis=1)
         return PolygonColors(
             (*materials, *(material._replace(texture=None) for material in materials)),
             np.where(bare, owners + len(materials), owners),
             np.clip(np.nan_to_num(np.concatenate(colors)[corners]), 0.0, 1.0),
-            np.nan_to_num(places),
+            np.nan_to_num(corner_uv),
             linear=True,
-            lacking=tuple(textures.lacking),
+            warnings=tuple(textures.warnings),
         )
 
     def _image(self, texture: Json | None, textures: Textures) -> tuple[Bytes | None, tuple[str, str]]:
-        """Return the image of a texture and how it is wrapped."""
+        """Return the image of a texture and its wrap modes along u and v."""
         if texture is None:
             return None, (REPEAT, REPEAT)
         row = self._document["textures"][whole(texture["index"])]
@@ -310,7 +319,7 @@ class _Scene:
         sampler = self._document["samplers"][whole(row["sampler"])] if "sampler" in row else {}
         along_u, along_v = (_WRAPS.get(sampler.get(name, 10497), REPEAT) for name in ("wrapS", "wrapT"))
         if source is None:
-            textures.lacking["a texture of an extension that is not read"] = None
+            textures.warnings["a texture of an extension that is not read"] = None
             return None, (along_u, along_v)
         image = self._document["images"][whole(source)]
         uri = str(image.get("uri", f"image {source}"))
@@ -319,7 +328,7 @@ class _Scene:
 
 
 def _triangles(mode: int, indices: Ints) -> Ints:
-    """Return the triangles (f, 3) of a primitive; every other one of a strip is turned over, as the standard says."""
+    """Return the triangles (f, 3) of a primitive; every second one of a strip is reversed, as the standard says."""
     if mode == _TRIANGLES:
         return indices[: len(indices) // 3 * 3].reshape(-1, 3)
     if len(indices) < 3:
@@ -331,27 +340,27 @@ def _triangles(mode: int, indices: Ints) -> Ints:
     return triangles
 
 
-def _of(positions: FloatArray, rows: Rows, name: str) -> Rows:
-    """Return rows as they are; raise MeshError unless there is one for each vertex."""
+def _per_vertex(positions: FloatArray, rows: Rows, name: str) -> Rows:
+    """Return rows unchanged; raise MeshError unless there is one for each vertex."""
     if len(rows) != len(positions):
         raise MeshError(
-            f"{name} of glTF must be of the {len(positions)} vertices of their primitive; they are of {len(rows)}. Is "
-            "the file damaged?"
+            f"{name} of glTF must have a row for each of the {len(positions)} vertices of the primitive; there are "
+            f"{len(rows)}. Is the file damaged?"
         )
     return rows
 
 
-def _checked(indices: Ints, n_vertices: int) -> Ints:
+def _check_indices(indices: Ints, n_vertices: int) -> Ints:
     if indices.size and not 0 <= indices.min() <= indices.max() < n_vertices:
         raise MeshError(
-            f"triangles must refer to the {n_vertices} vertices of their part by 0 to {n_vertices - 1}; "
+            f"triangles must refer to the {n_vertices} vertices of their primitive by 0 to {n_vertices - 1}; "
             f"one refers to {indices.max()}. Is the file damaged?"
         )
     return indices
 
 
 def _unit(rotation: Sequence[float]) -> Sequence[float]:
-    """Return a quaternion of length 1; one that is so but for rounding as it is."""
+    """Return a quaternion scaled to length 1; unchanged if it has length 1 but for rounding."""
     length = math.hypot(*rotation)
     if abs(length - 1.0) < _ROUNDING:
         return rotation
@@ -365,7 +374,7 @@ def _children(node: Json) -> list[int]:
 
 
 def _local(node: Json) -> FloatArray | None:
-    """Return a node's own matrix, None for one that does not move anything."""
+    """Return a node's own matrix; None for a node without a transform."""
     if not {"matrix", "translation", "rotation", "scale"} & node.keys():
         return None
     for key, size in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
@@ -386,7 +395,7 @@ def _local(node: Json) -> FloatArray | None:
 
 
 def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]]:
-    """Return a material's texture of base colours, if it has one, and its factor."""
+    """Return a material's base colour texture, if it has one, and its factor."""
     old = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
     found = material.get("pbrMetallicRoughness")
     if found is None and old is not None:
@@ -399,18 +408,19 @@ def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]
 
 
 def _transmittance(material: Json) -> float:
-    """Return the share of light that a material lets pass: what its alpha leaves, if that is blended, or transmits."""
+    """Return the share of light that a material lets pass, by blended alpha and by KHR_materials_transmission."""
     factor = [*material.get("pbrMetallicRoughness", {}).get("baseColorFactor", ()), 1.0, 1.0, 1.0, 1.0]
     alpha = float(factor[3]) if material.get("alphaMode") == "BLEND" else 1.0
     through = float(material.get("extensions", {}).get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
     return float(np.clip(np.nan_to_num(1.0 - alpha * (1.0 - through)), 0.0, 1.0))
 
 
-def _transformed(uv: FloatArray, turn: Json) -> FloatArray:
-    """Move texture coordinates (n, 2) as KHR_texture_transform says; then v upwards, as everywhere here."""
-    angle = float(turn.get("rotation", 0.0))
-    with np.errstate(all="ignore"):  # what is no number then is no place in the texture
-        scaled = uv * np.array(turn.get("scale", (1.0, 1.0)), dtype=np.float64)
+def _transformed(uv: FloatArray, transform: Json) -> FloatArray:
+    """Return texture coordinates (n, 2) after KHR_texture_transform, with v upwards as in `SurfaceColors`."""
+    angle = float(transform.get("rotation", 0.0))
+    with np.errstate(all="ignore"):  # coordinates that become NaN count as missing
+        scaled = uv * np.array(transform.get("scale", (1.0, 1.0)), dtype=np.float64)
         c, s = math.cos(angle), math.sin(angle)
-        turned = scaled @ np.array([[c, -s], [s, c]]) + np.array(turn.get("offset", (0.0, 0.0)), dtype=np.float64)
-    return np.stack([turned[:, 0], 1.0 - turned[:, 1]], axis=1)
+        offset = np.array(transform.get("offset", (0.0, 0.0)), dtype=np.float64)
+        moved = scaled @ np.array([[c, -s], [s, c]]) + offset
+    return np.stack([moved[:, 0], 1.0 - moved[:, 1]], axis=1)

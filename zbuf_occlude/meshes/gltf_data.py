@@ -1,4 +1,4 @@
-"""The numbers of a glTF file: buffers, read when needed and once each; accessors and attributes, normalized too."""
+"""The numbers of a glTF file: buffers, accessors and attributes."""
 
 import base64
 from pathlib import Path
@@ -29,17 +29,20 @@ _ROLES = {
     "indices": (("SCALAR",), _UNSIGNED),
     "JOINTS": (("VEC4",), _UNSIGNED),
 }
-"""What an accessor is read for: its types, and the types of its components."""
+"""Allowed types and component types of an accessor, for each use."""
 
 _LEAST_OF_BYTES = 128 / 127
-"""Size of the least of all normalized integers, -128 of a byte, before it is cut to -1."""
+"""Largest magnitude of a normalized integer: -128 in a byte, before it is clipped to -1."""
 
 _REPEATED = 6_000_000
-"""Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
+"""Vertices and corners that a scene may have beyond those in its bytes, by repeating the same data."""
 
 
 class Data:
-    """What a document's accessors, buffer views and buffers hold; `binary` is the binary chunk of a .glb."""
+    """The data of a document's accessors, buffer views and buffers; `binary` is the binary chunk of a .glb file.
+
+    Buffers are read on demand, once each.
+    """
 
     def __init__(self, document: Json, binary: bytes | None, files: MeshFiles) -> None:
         self._accessors = document.get("accessors", [])
@@ -50,21 +53,21 @@ class Data:
         self._n_rows = 0
 
     def count(self, n_rows: int) -> None:
-        """Count rows before memory is taken for them; raise MeshError for more than the bytes that were read can hold.
+        """Count rows before their allocation; raise MeshError for far more rows than the bytes read can contain.
 
-        A small file can show the same data without end.
+        A small file can repeat the same data without limit.
         """
         self._n_rows += n_rows
         if self._n_rows > 3 * sum(map(len, self._kept.values())) + _REPEATED:
             raise MeshError(f"a scene must not repeat its data to {self._n_rows:,} vertices and corners. Split it.")
 
     def floats(self, accessor_id: Any, role: str) -> FloatArray:
-        """Return rows of numbers as float64; normalized integers become numbers in [-1, 1]."""
+        """Return the rows of an accessor as float64; normalized integers become numbers in [-1, 1]."""
         accessor = self.checked(accessor_id, role)
         return _in_unit_range(accessor, self._read(accessor_id, accessor, role))
 
     def integers(self, accessor_id: Any, role: str) -> Ints:
-        """Return rows of indices."""
+        """Return the rows of an accessor as indices."""
         return self._read(accessor_id, self.checked(accessor_id, role), role).astype(np.int64)
 
     def attributes(self, primitive: Json) -> "Attributes":
@@ -73,7 +76,7 @@ class Data:
         return Attributes(self, primitive["attributes"], {} if packed is None else packed)
 
     def checked(self, accessor_id: Any, role: str) -> Json:
-        """Return an accessor whose types are those of a role; raise MeshError for others."""
+        """Return an accessor; raise MeshError unless its types suit the role."""
         accessor: Json = self._accessors[whole(accessor_id)]
         types, components = _ROLES[role]
         found = accessor["type"], accessor["componentType"]
@@ -84,43 +87,42 @@ class Data:
         return accessor
 
     def unpacked(self, packed: Json) -> Any:
-        """Return what DracoPy makes of the view that a primitive's extension names."""
+        """Return DracoPy's result for the buffer view that a primitive's extension names."""
         try:
             import DracoPy
         except ImportError as error:
-            said = reason("DracoPy", error)
-            raise MeshError(f"a mesh compressed by Draco {said}, or export the mesh plainly.") from None
+            cause = reason("DracoPy", error)
+            raise MeshError(f"a mesh compressed by Draco {cause}, or export the mesh uncompressed.") from None
         content = self._whole_view(packed)
         try:
             return DracoPy.decode(content)
-        except Exception as error:  # what a library does on damaged bytes is not ours to list
-            said = " ".join(f"{type(error).__name__}: {error}".split())[:100]
-            raise MeshError(f"a mesh compressed by Draco must be sound; DracoPy cannot read it ({said}).") from None
+        except Exception as error:  # DracoPy raises any error on damaged bytes
+            cause = " ".join(f"{type(error).__name__}: {error}".split())[:100]
+            raise MeshError(f"DracoPy cannot read the compressed mesh ({cause}). Is it damaged?") from None
 
     def image(self, image: Json) -> bytes:
-        """Return the content of an image: of a buffer view, of a data URI, or of a file."""
+        """Return the content of an image from a buffer view, a data URI or a file."""
         if "bufferView" in image:
             return self._whole_view(image)
         uri = str(image["uri"])
         if not uri.startswith("data:"):
             return self._files.read_named(unquote(uri))
         try:
-            return _of_data_uri(uri)
+            return _from_data_uri(uri)
         except ValueError as error:
             raise MeshError(f"an image in a data URI must be base64; this one is not ({error}).") from None
 
     def _read(self, accessor_id: Any, accessor: Json, role: str) -> NDArray[Any]:
-        """Return an accessor's numbers as they are stored, (n, width)."""
+        """Return an accessor's numbers in their stored type, (n, width)."""
         kind, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         n_rows = whole(accessor["count"])
         sparse = accessor.get("sparse")
         if "bufferView" in accessor:
             values = self._rows(accessor, kind, width, n_rows)
             self.count(n_rows)
-        elif sparse is None and role != "target POSITION":  # many exporters leave out targets that move nothing
+        elif sparse is None and role != "target POSITION":  # many exporters leave out targets that are 0
             raise MeshError(
-                f"accessor {accessor_id} of glTF must have all its data; it has none, or it is compressed. Export it "
-                "plainly."
+                f"accessor {accessor_id} of glTF has no data, or they are compressed. Export it uncompressed."
             )
         else:
             self.count(n_rows)
@@ -133,14 +135,14 @@ class Data:
         return values
 
     def _rows(self, where: Json, kind: np.dtype[Any], width: int, n_rows: int) -> NDArray[Any]:
-        """Return rows of numbers, which may lie apart, of the buffer view that a part of the document names."""
+        """Return rows of numbers, which may have gaps, of the buffer view that a part of the document names."""
         view, offset = self._views[whole(where["bufferView"])], whole(where.get("byteOffset", 0))
         row = kind.itemsize * width
         stride = whole(view.get("byteStride", 0)) or row
         size = offset + stride * (n_rows - 1) + row if n_rows else 0
         if stride < row or size > whole(view["byteLength"]):
             raise MeshError(
-                f"buffers of glTF must hold what is declared; count is {n_rows:,} of {row} bytes each in a view of "
+                f"buffers of glTF must contain what is declared; count is {n_rows:,} of {row} bytes each in a view of "
                 f"{whole(view['byteLength']):,} bytes."
             )
         data = self._bytes(view, offset, size - offset)
@@ -159,7 +161,7 @@ class Data:
         end = begin - offset + max(offset + size, whole(view["byteLength"]))
         if end > len(buffer):
             raise MeshError(
-                f"buffers of glTF must hold what is declared; byteLength is {end:,} of {len(buffer):,} bytes."
+                f"buffers of glTF must contain what is declared; byteLength is {end:,} of {len(buffer):,} bytes."
             )
         return memoryview(buffer)[begin : begin + size]
 
@@ -167,14 +169,14 @@ class Data:
         uri = self._buffers[buffer_id].get("uri")
         if uri is None:
             if buffer_id or self._binary is None:
-                how = "it has none. Is it cut short or compressed?"
+                cause = "it has none. Is it cut short or compressed?"
                 if is_meshopt:
-                    how = "it is compressed by meshopt. Export it plainly (gltfpack without -c)."
-                raise MeshError(f"buffer {buffer_id} of glTF must have data; {how}")
+                    cause = "it is compressed by meshopt. Export it uncompressed (gltfpack without -c)."
+                raise MeshError(f"buffer {buffer_id} of glTF must have data; {cause}")
             return self._kept.setdefault(buffer_id, self._binary)
         if uri.startswith("data:"):
             if buffer_id not in self._kept:
-                self._kept[buffer_id] = _of_data_uri(uri)
+                self._kept[buffer_id] = _from_data_uri(uri)
             return self._kept[buffer_id]
         folder = self._files.folder
         path = (folder / unquote(uri)).resolve()
@@ -190,7 +192,7 @@ class Data:
 
 
 class Attributes:
-    """The attributes of one primitive, and its triangles where Draco holds them."""
+    """The attributes of one primitive, and its triangles where they are compressed by Draco."""
 
     def __init__(self, data: Data, accessors: Json, packed: Json) -> None:
         self._data, self._accessors = data, accessors
@@ -205,50 +207,50 @@ class Attributes:
 
     @property
     def triangles(self) -> Ints | None:
-        """Triangles (f, 3) of a primitive that is compressed by Draco; None of any other."""
+        """Triangles (f, 3) of a primitive that is compressed by Draco; None for any other."""
         if self._unpacked is None:
             return None
         if not hasattr(self._unpacked, "faces"):
-            raise MeshError("data of Draco must have triangles; these are points alone. Export the mesh plainly.")
+            raise MeshError("Draco data must have triangles; these are only points. Export the mesh uncompressed.")
         return np.asarray(self._unpacked.faces, np.int64).reshape(-1, 3)
 
     def floats(self, name: str, role: str) -> FloatArray:
-        """Return rows of numbers as `Data.floats`."""
+        """Return an attribute's rows, as `Data.floats` does."""
         if name not in self._numbers:
             return self._data.floats(self._accessors[name], role)
-        return _in_unit_range(self._data.checked(self._accessors[name], role), self._of_draco(name))
+        return _in_unit_range(self._data.checked(self._accessors[name], role), self._from_draco(name))
 
     def integers(self, name: str, role: str) -> Ints:
-        """Return rows of indices."""
+        """Return an attribute's rows as indices."""
         if name not in self._numbers:
             return self._data.integers(self._accessors[name], role)
         self._data.checked(self._accessors[name], role)
-        return self._of_draco(name).astype(np.int64)
+        return self._from_draco(name).astype(np.int64)
 
-    def _of_draco(self, name: str) -> NDArray[Any]:
+    def _from_draco(self, name: str) -> NDArray[Any]:
         number = whole(self._numbers[name])
         found = None if self._unpacked is None else self._unpacked.get_attribute_by_unique_id(number)
         if found is None:
-            raise MeshError(f"data of Draco must have the attribute {number}, {name}; it has not. Is it damaged?")
+            raise MeshError(f"Draco data must have the attribute {number}, {name}; they do not. Are they damaged?")
         return np.asarray(found["data"])
 
 
 def whole(value: Any) -> int:
-    """Check a count, an offset or an index of the JSON."""
+    """Return a count, an offset or an index of the JSON; raise MeshError unless it is a whole number."""
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 60:
         raise MeshError(f"counts and indices of glTF must be whole numbers from 0; one is {str(value)[:40]!r}.")
     return value
 
 
 def _in_unit_range(accessor: Json, values: NDArray[Any]) -> FloatArray:
-    """Return numbers as float64; those of a normalized accessor of integers in [-1, 1]."""
+    """Return numbers as float64; those of a normalized integer accessor in [-1, 1]."""
     numbers, kind = as_doubles(values), np.dtype(_TYPES[accessor["componentType"]])
     if not accessor.get("normalized") or kind.kind == "f":
         return numbers
-    # Draco gives integers as floats; it divides them by itself where its own attribute is marked as normalized
+    # Draco returns integers as floats, already divided where its own attribute is marked as normalized
     is_divided = values.dtype.kind == "f" and (np.abs(numbers) <= _LEAST_OF_BYTES).all()
     return np.maximum(numbers if is_divided else numbers / np.iinfo(kind).max, -1.0)
 
 
-def _of_data_uri(uri: str) -> bytes:
+def _from_data_uri(uri: str) -> bytes:
     return base64.b64decode(uri.partition(";base64,")[2], validate=True)

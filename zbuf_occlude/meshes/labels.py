@@ -1,4 +1,4 @@
-"""Files that say which object is of which class and split: CSV, or JSON as PCN and LVIS have it."""
+"""Label files, which name the class and split of each object: CSV, or the JSON of PCN and LVIS."""
 
 import gzip
 import io
@@ -20,16 +20,16 @@ _SPLITS = ("split", "subset")
 SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 
 _SMALL, _LARGEST, _RATIO = 2**24, max(MOST_BYTES.values()), 100
-"""Bytes to which gzip may unpack, at least and at most, and how many times its size between."""
+"""Limits of unpacked gzip: `_RATIO` times its size, but at least `_SMALL` and at most `_LARGEST` bytes."""
 
 _Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
 class Label:
-    """The class and split of one object, as a file has them; None where it has none.
+    """The class and split of one object in a file; None where the file has none.
 
-    The key is the mesh's, or the end of it that tells it from all others: SYNSET/MODEL, MODEL, a uid, a file's name.
+    The key is the mesh's key or a unique end of it: SYNSET/MODEL, MODEL, a uid, a file's name.
     """
 
     key: str
@@ -38,24 +38,35 @@ class Label:
 
 
 def read_labels(path: Path) -> list[Label]:
-    """Read a file of labels; OptionError if it is not readable, of no known form, or names an unknown split."""
+    """Read a label file.
+
+    Raises
+    ------
+    OptionError
+        The file cannot be read, has an unknown form, or names an unknown split.
+    """
     data = read_limited(path)
     if data[:2] == b"\x1f\x8b":
         try:
             data = unpacked(data, path)
         except (OSError, EOFError, zlib.error) as error:
-            raise OptionError(f"labels must be readable gzip; {path}: {describe(error)}. Is it damaged?") from None
+            raise OptionError(f"{path}: cannot unpack gzip: {describe(error)}. Is it damaged?") from None
     is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
     labels = parse_json(data, path.name) if is_json else parse_csv(data, path.name)
     if not labels:
-        raise OptionError(f"{path} must hold labels ({FORMS}); it holds none.")
+        raise OptionError(f"{path} must contain labels ({FORMS}); it has none.")
     return labels
 
 
 def unpacked(data: bytes, path: PurePath) -> bytes:
-    """Unpack gzip within bounds, for a file made for it grows a thousand times; OptionError where it grows beyond.
+    """Return unpacked gzip, within limits: a malicious file may grow a thousandfold.
 
-    Damaged gzip raises OSError, EOFError or zlib.error.
+    Raises
+    ------
+    OptionError
+        The content is larger than the limits.
+    OSError, EOFError, zlib.error
+        The data are damaged.
     """
     most = min(_LARGEST, max(_SMALL, _RATIO * len(data)))
     with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
@@ -63,13 +74,13 @@ def unpacked(data: bytes, path: PurePath) -> bytes:
     if len(content) > most:
         raise OptionError(
             f"{path}: {len(data):,} bytes of gzip must unpack to at most {most:,}; they unpack to more. Unpack and "
-            "look at them: labels are text of some 100 bytes an object."
+            "check the file: labels take some 100 bytes an object."
         )
     return content
 
 
 def parse_csv(data: bytes, name: str) -> list[Label]:
-    """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
+    """Return the labels of a CSV file with a header, such as ShapeNet's all.csv (synsetId, modelId, split)."""
     columns = parse_document("CSV", data, name)
     key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
     if not key or not (label or split):
@@ -88,14 +99,14 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
 
 
 def parse_json(data: bytes, name: str) -> list[Label]:
-    """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
+    """Return the labels of PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
     document = parse_document("JSON", data, name)
     try:
         labels = list(islice(_labels_in(document), MOST_ROWS + 1))
-    except (LookupError, TypeError, AttributeError):  # it may be anything
+    except (LookupError, TypeError, AttributeError):  # JSON of any other form
         raise OptionError(f"{escape_control(name)} must be {FORMS}; it is JSON of another form.") from None
     if len(labels) > MOST_ROWS:
-        raise OptionError(f"{escape_control(name)} must hold at most {MOST_ROWS:,} labels; it holds more. Split it.")
+        raise OptionError(f"{escape_control(name)} must have at most {MOST_ROWS:,} labels; it has more. Split it.")
     return labels
 
 
@@ -113,9 +124,14 @@ def _labels_in(document: Any) -> Iterator[Label]:
 
 
 def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tuple[_Item, Label]], int]:
-    """Return the objects that labels are of, in their order, and the number of labels that are of none.
+    """Return the labelled objects in their order with their labels, and the number of labels without an object.
 
-    The last label of an object holds. A label that could be of several objects raises OptionError.
+    The last label of an object counts.
+
+    Raises
+    ------
+    OptionError
+        A label matches several objects.
     """
     short: defaultdict[str, list[str]] = defaultdict(list)
     for key in items:
@@ -132,7 +148,7 @@ def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tup
         keys = keys_of(label.key) or keys_of(PurePosixPath(label.key).name)  # MODEL of SYNSET/MODEL
         if len(keys) > 1:
             raise OptionError(
-                f"a label must be of one mesh; {label.key!r:.80} may be {', '.join(keys[:3])}. Write the whole key."
+                f"a label must match one mesh; {label.key!r:.80} matches {', '.join(keys[:3])}. Write the whole key."
             )
         if keys:
             chosen[keys[0]] = label

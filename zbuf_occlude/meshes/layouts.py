@@ -1,7 +1,8 @@
-"""The table of layouts: how the folders of published collections say what is of which class and split.
+"""The folder layouts of published collections, from which each mesh gets its key, class and split.
 
-A layout is one row here and one function, which looks at a `Tree` and returns the `Place` of each file and remarks to
-be shown, or None when the tree is not of this layout. The first row that takes a tree has it; the last takes any.
+A layout is one row of a table and one function. The function returns the `FoundMesh` of each file of a `Tree` and
+remarks for the user, or None for a tree of another layout. The first row that accepts a tree is used; the last accepts
+any.
 """
 
 import json
@@ -19,7 +20,7 @@ from zbuf_occlude.meshes.tree import ALL, Tree
 _Value = TypeVar("_Value")
 
 _LVIS, _FUTURE_INFO = "lvis-annotations.json.gz", "model_info.json"
-_RAW, _NORMALIZED = "raw_model.obj", "normalized_model.obj"  # of 3D-FUTURE
+_RAW, _NORMALIZED = "raw_model.obj", "normalized_model.obj"  # 3D-FUTURE
 SHAPENET_CLASSES = {
     "02691156": "airplane", "02747177": "trash bin", "02773838": "bag", "02801938": "basket", "02808440": "bathtub",
     "02818832": "bed", "02828884": "bench", "02834778": "bicycle", "02843684": "birdhouse", "02858304": "boat",
@@ -34,44 +35,44 @@ SHAPENET_CLASSES = {
     "04225987": "skateboard", "04256520": "sofa", "04330267": "stove", "04379243": "table", "04401088": "telephone",
     "04460130": "tower", "04468005": "train", "04530566": "watercraft", "04554684": "washer",
 }  # fmt: skip
-"""The published classes: 55 of v2, and bicycle and boat of v1."""
+"""ShapeNetCore's classes by synset: 55 of v2, and bicycle and boat of v1."""
 
 _SHAPENET_PATH = re.compile(
     r"(?P<above>.*)/(?P<synset>\d{8})/(?P<model>[^/]+?)(?:/models/model_normalized|/model|)\.(?:obj|glb|gltf|ply|off|stl)$",
     re.IGNORECASE,
 )
-# of a synset that is not published only what looks like a model is one
+# in an unpublished synset only files named like models are models
 _SHAPENET_END = re.compile(r"(?:/models/model_normalized|/model|/[0-9a-z]{20,40})\.[a-z]+$", re.IGNORECASE)
 
 
-class Place(NamedTuple):
-    """Where a mesh file, by its name below the tree's root, stands in a dataset; the rest as of `MeshEntry`."""
+class FoundMesh(NamedTuple):
+    """A mesh file with its key, class and split, as of `MeshEntry`."""
 
-    file: PurePosixPath
+    file: PurePosixPath  # relative to the tree's root
     key: str
     label: str
     split: str = "train"
 
 
-Places = tuple[list[Place], list[str]]
-"""The places of files, and what a person should know about where classes and splits come from."""
+FoundMeshes = tuple[list[FoundMesh], list[str]]
+"""The meshes of a tree, and remarks on the source of their classes and splits."""
 
 
-class Layout(NamedTuple):
+class FolderLayout(NamedTuple):
     """One row of the table of layouts."""
 
     name: str
-    place: Callable[[Tree], Places | None]
-    up: str | None = None  # the axis that points up in its files; by default as `load_mesh` takes the format
+    find: Callable[[Tree], FoundMeshes | None]
+    up: str | None = None  # axis that points up in the files; None: the default of `load_mesh`
 
 
-def recognise(tree: Tree) -> tuple[Layout, Places]:
-    """Return the first layout that takes a tree, and what it makes of it."""
-    return next((layout, places) for layout in LAYOUTS if (places := layout.place(tree)) is not None)
+def recognise(tree: Tree) -> tuple[FolderLayout, FoundMeshes]:
+    """Return the first layout that accepts a tree, and the meshes that it finds."""
+    return next((layout, found) for layout in LAYOUTS if (found := layout.find(tree)) is not None)
 
 
-def _shapenet(tree: Tree) -> Places | None:
-    """Take a tree of which every file is a model of a synset; the key is SYNSET/MODEL."""
+def _shapenet(tree: Tree) -> FoundMeshes | None:
+    """Accept a tree in which every file is a model of a synset; the key is SYNSET/MODEL."""
     matches = {}
     for file in tree.files:
         name = str(tree.named(file))
@@ -86,19 +87,19 @@ def _shapenet(tree: Tree) -> Places | None:
     named = _rows(tree, above / "taxonomy.json", lambda row: (row["synsetId"], str(row["name"]).split(",")[0].strip()))
     names = SHAPENET_CLASSES | named
     splits, from_splits = _shapenet_splits(tree, above)
-    places, n_unlisted = [], 0
+    found, n_unlisted = [], 0
     for file, match in matches.items():
         synset, model = match["synset"], match["model"]
         split = splits.get(f"{synset}/{model}", splits.get(model))
         n_unlisted += split is None
-        places.append(Place(file, f"{synset}/{model}", names.get(synset, synset), split or "train"))
+        found.append(FoundMesh(file, f"{synset}/{model}", names.get(synset, synset), split or "train"))
     if splits and n_unlisted:
         from_splits += f"; {n_unlisted} not listed there are in train"
-    return places, ["class names from " + ("taxonomy.json" if named else "the published list"), from_splits]
+    return found, ["class names from " + ("taxonomy.json" if named else "the published list"), from_splits]
 
 
 def _shapenet_splits(tree: Tree, above: PurePosixPath) -> tuple[dict[str, str], str]:
-    """Return the split of each SYNSET/MODEL or MODEL that a file above the synsets lists; it must be one."""
+    """Return the split of each SYNSET/MODEL or MODEL listed in a file above the synsets, and a remark on the file."""
     for name, parse in (("PCN.json", parse_json), ("all.csv", parse_csv)):
         if (data := tree.read(above / name)) is not None:
             rows = parse(data, str(above / name))
@@ -106,8 +107,11 @@ def _shapenet_splits(tree: Tree, above: PurePosixPath) -> tuple[dict[str, str], 
     return {}, "no all.csv or PCN.json above the synsets: everything is in train"
 
 
-def _future(tree: Tree) -> Places | None:
-    """Take a tree of raw_model.obj and normalized_model.obj. The key is the model's id; of two the raw one is read."""
+def _future(tree: Tree) -> FoundMeshes | None:
+    """Accept a tree of raw_model.obj and normalized_model.obj; the key is the model's id.
+
+    The raw model takes precedence.
+    """
     models: dict[PurePosixPath, PurePosixPath] = {}
     for file in tree.files:
         if file.name.lower() not in (_RAW, _NORMALIZED, ALL):
@@ -121,22 +125,22 @@ def _future(tree: Tree) -> Places | None:
     named = [(tree.named(file).parent.name, file) for file in models.values()]
     for column in ("category", "super-category"):  # not both: one category is within another's super-category
         classes = {name: str(row[column]) for name, row in info.items() if row.get(column)}
-        places = [Place(file, name, classes[name]) for name, file in named if name in classes]
-        if places:
+        found = [FoundMesh(file, name, classes[name]) for name, file in named if name in classes]
+        if found:
             said = f"classes from {_FUTURE_INFO}" + (f", its {column}" if column != "category" else "")
-            if left_out := len(named) - len(places):
+            if left_out := len(named) - len(found):
                 said += f"; models without one are left out: {left_out:,}"
             break
     else:
-        places = [Place(file, name, "unknown") for name, file in named]
+        found = [FoundMesh(file, name, "unknown") for name, file in named]
         said = f"it has no classes: there is no {_FUTURE_INFO} above the models that has some"
-    return places, [said, "it has no splits: everything is in train"]
+    return found, [said, "it has no splits: everything is in train"]
 
 
-def _objaverse(tree: Tree) -> Places | None:
-    """Take GLB files named by 32 hexadecimal digits, or in folders as objaverse packs them, glbs/000-023.
+def _objaverse(tree: Tree) -> FoundMeshes | None:
+    """Accept GLB files named by 32 hexadecimal digits, or in objaverse's folders such as glbs/000-023.
 
-    The key is the uid, LVIS's classes are taken if its list lies there.
+    The key is the uid. Classes are LVIS's if its list is there.
     """
     packed = all(re.search(r"/glbs/\d{3}-\d{3}$", str(tree.named(file).parent)) for file in tree.files)
     names = _names(tree, r"(.+)\.glb" if packed else r"([0-9a-f]{32})\.glb")
@@ -148,32 +152,32 @@ def _objaverse(tree: Tree) -> Places | None:
             labels = _lvis_labels(data, folder / _LVIS)
     if not labels:
         return _without_classes("objaverse", names)
-    places = [Place(file, uid, labels[uid].label or "objaverse") for file, uid in names if uid in labels]
-    if not places:
+    found = [FoundMesh(file, uid, labels[uid].label or "objaverse") for file, uid in names if uid in labels]
+    if not found:
         return _without_classes("objaverse", names, f"{_LVIS} has none of its objects")
     said = f"classes from {_LVIS}"
-    if left_out := len(names) - len(places):
-        said += f"; {left_out} objects that it has not are left out"
-    return places, [said]
+    if left_out := len(names) - len(found):
+        said += f"; {left_out} objects without a class are left out"
+    return found, [said]
 
 
 def _lvis_labels(data: bytes, path: PurePosixPath) -> dict[str, Label]:
-    """Return labels by uid; none where the file is damaged."""
+    """Return labels by uid; empty for a damaged file."""
     with suppress(OSError, EOFError, zlib.error):
-        content = unpacked(data, path)  # too much of it is refused
+        content = unpacked(data, path)  # raises for too large a content
         with suppress(OptionError):
             return {label.key: label for label in parse_json(content, _LVIS)}
     return {}
 
 
-def _abc(tree: Tree) -> Places | None:
-    """Take the names of the ABC dataset: an eight-digit number, a hash, the kind of file and a part."""
+def _abc(tree: Tree) -> FoundMeshes | None:
+    """Accept the names of the ABC dataset: an eight-digit number, a hash, the kind of file and a part."""
     names = _names(tree, r"(\d{8}_[0-9a-f]{24}_[a-z0-9]+_\d{3})\.(?:obj|stl|ply|off)")
     return None if names is None else _without_classes("abc", names)
 
 
-def _thingi10k(tree: Tree) -> Places | None:
-    """Take files named by numbers in a folder raw_meshes, or below one named like the collection."""
+def _thingi10k(tree: Tree) -> FoundMeshes | None:
+    """Accept files named by numbers in a folder raw_meshes, or below one named like the collection."""
     names = _names(tree, r"(\d+)\.(?:stl|obj|ply|off)")
     folders = {part.lower() for file, _ in names or () for part in tree.parts(file)[:-1]}
     if names is None or not any(folder == "raw_meshes" or folder.startswith("thingi10k") for folder in folders):
@@ -182,7 +186,7 @@ def _thingi10k(tree: Tree) -> Places | None:
 
 
 def _names(tree: Tree, pattern: str) -> list[tuple[PurePosixPath, str]] | None:
-    """Return what a pattern finds in the names of all files; None when one has another name, or no name is left."""
+    """Return each file with the first group of a pattern that its name must match; None if one does not, or none is."""
     names = []
     for file in tree.files:
         match = re.fullmatch(pattern, file.name, re.IGNORECASE)
@@ -193,52 +197,55 @@ def _names(tree: Tree, pattern: str) -> list[tuple[PurePosixPath, str]] | None:
     return names or None
 
 
-def _without_classes(label: str, names: list[tuple[PurePosixPath, str]], *said: str) -> Places:
-    return [Place(file, name, label) for file, name in names], [*said, "it has no classes; --labels FILE gives some"]
+def _without_classes(label: str, names: list[tuple[PurePosixPath, str]], *said: str) -> FoundMeshes:
+    return [FoundMesh(file, name, label) for file, name in names], [
+        *said,
+        "it has no classes; --labels FILE gives some",
+    ]
 
 
-def _modelnet(tree: Tree) -> Places | None:
-    """Take a tree whose files all lie in a split folder of a class folder; the key begins at the class."""
-    places = []
+def _modelnet(tree: Tree) -> FoundMeshes | None:
+    """Accept a tree whose files all lie in a split folder of a class folder; the key begins at the class."""
+    found = []
     for file in tree.files:
         *_, label, split, name = ("", "", *tree.parts(file))
         if split.lower() in SPLIT_WORDS and label not in ("", "/") and label.lower() not in SPLIT_WORDS:
-            places.append(Place(file, f"{label}/{split}/{name}", label, SPLIT_WORDS[split.lower()]))
+            found.append(FoundMesh(file, f"{label}/{split}/{name}", label, SPLIT_WORDS[split.lower()]))
         elif name != ALL:
             return None
         else:  # a class folder that cannot be read
-            places.append(Place(file, f"{split}/{name}", split))
-    return places, []
+            found.append(FoundMesh(file, f"{split}/{name}", split))
+    return found, []
 
 
-def _plain(tree: Tree) -> Places:
-    """Take any tree.
+def _plain(tree: Tree) -> FoundMeshes:
+    """Accept any tree.
 
-    The label is the first folder below the one given, splits apart; the folder itself when its files lie right in it;
-    for a single file its name without its ending and number, ``chair`` for ``chair_0003.off``. Without a split folder
-    the split is "train". The key is the path from the class folder on.
+    The label is the first folder below the root that is no split folder; the root's name for files directly in it; for
+    a single file its name without ending and number, ``chair`` for ``chair_0003.off``. Without a split folder the split
+    is "train". The key is the path from the class folder on.
     """
     if tree.single:
         name = tree.files[0].name
         stem = PurePosixPath(name).stem
-        return [Place(tree.files[0], name, re.sub(r"[\W_]*\d+$", "", stem) or stem)], []
+        return [FoundMesh(tree.files[0], name, re.sub(r"[\W_]*\d+$", "", stem) or stem)], []
     root = tree.root
     while root.name.lower() in SPLIT_WORDS:
         root = root.parent
-    places = []
+    found = []
     flat = False
     for file in tree.files:
         relative = tree.parts(file)[len(root.parts) :]
-        if not _class_folders(relative):  # the folder is the class
+        if not _class_folders(relative):  # the root is the class
             relative = (root.name, *relative) if root.name else relative
             flat = True
         folders = _class_folders(relative)
         splits = [SPLIT_WORDS[part.lower()] for part in relative[:-1] if part.lower() in SPLIT_WORDS]
         label = folders[0] if folders else file.stem
-        places.append(Place(file, "/".join(relative), label, splits[0] if splits else "train"))
-    if flat and len({place.label for place in places}) == 1:
-        return places, ["it has no classes: its files lie in one folder; --labels FILE gives some"]
-    return places, []
+        found.append(FoundMesh(file, "/".join(relative), label, splits[0] if splits else "train"))
+    if flat and len({place.label for place in found}) == 1:
+        return found, ["it has no classes: its files lie in one folder; --labels FILE gives some"]
+    return found, []
 
 
 def _class_folders(relative: tuple[str, ...]) -> list[str]:
@@ -246,26 +253,26 @@ def _class_folders(relative: tuple[str, ...]) -> list[str]:
 
 
 def _rows(tree: Tree, path: PurePosixPath, read_row: Callable[[Any], tuple[Any, _Value]]) -> dict[str, _Value]:
-    """Return names and what belongs to them, of each row of a JSON file; nothing where none can be read."""
+    """Return a name and a value for each row of a JSON file; empty where the file cannot be read."""
     try:
         return {str(name): value for name, value in map(read_row, json.loads(tree.read(path) or b"[]"))}
     except (ValueError, LookupError, TypeError, RecursionError):
         return {}
 
 
-LAYOUTS: tuple[Layout, ...] = (
+LAYOUTS: tuple[FolderLayout, ...] = (
     # SYNSET/MODEL/models/model_normalized.obj (v2), SYNSET/MODEL/model.obj (v1), SYNSET/MODEL.glb
-    Layout("ShapeNetCore", _shapenet, up="y"),
+    FolderLayout("ShapeNetCore", _shapenet, up="y"),
     # MODEL/raw_model.obj, with model_info.json above
-    Layout("3D-FUTURE", _future, up="y"),
+    FolderLayout("3D-FUTURE", _future, up="y"),
     # UID.glb, the uid being 32 hexadecimal digits, or glbs/000-023/UID.glb
-    Layout("Objaverse", _objaverse),
+    FolderLayout("Objaverse", _objaverse),
     # NUMBER_HASH_trimesh_000.obj
-    Layout("ABC", _abc),
+    FolderLayout("ABC", _abc),
     # raw_meshes/NUMBER.stl
-    Layout("Thingi10K", _thingi10k),
+    FolderLayout("Thingi10K", _thingi10k),
     # CLASS/{train,val,test}/FILE, anywhere below the folder
-    Layout("ModelNet", _modelnet),
+    FolderLayout("ModelNet", _modelnet),
     # CLASS/FILE, {train,val,test}/CLASS/FILE, or files of one class
-    Layout("plain", _plain),
+    FolderLayout("plain", _plain),
 )

@@ -1,4 +1,4 @@
-"""Files of meshes, of any of the formats read here, and files of points without faces."""
+"""Loading of meshes from files of any format, and of point clouds."""
 
 import logging
 import os
@@ -13,11 +13,11 @@ from zbuf_occlude.errors import ArgumentError, MeshError, describe, escape_contr
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh, check_frame, convert_frame
 from zbuf_occlude.meshes.gltf import read_gltf
-from zbuf_occlude.meshes.looks import PolygonColors
 from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
-from zbuf_occlude.meshes.obj import read_obj, read_obj_look
+from zbuf_occlude.meshes.obj import read_obj, read_obj_colors
 from zbuf_occlude.meshes.off import read_off
-from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_look, read_ply_points
+from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_colors, read_ply_points
+from zbuf_occlude.meshes.polygon_colors import PolygonColors
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
 from zbuf_occlude.provenance import MeshSource
@@ -30,16 +30,16 @@ READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".ply": read_ply,
     ".stl": read_stl,
 }
-_LOOKS: dict[str, Callable[[bytes, Polygons, MeshFiles], PolygonColors]] = {
-    ".obj": read_obj_look,
-    ".ply": read_ply_look,
+_COLOR_READERS: dict[str, Callable[[bytes, Polygons, MeshFiles], PolygonColors]] = {
+    ".obj": read_obj_colors,
+    ".ply": read_ply_colors,
 }
 _GLTF = (".glb", ".gltf")
 SUFFIXES = (*READERS, *_GLTF)
-"""Endings of the files that `load_mesh` reads, in lower case."""
+"""File name suffixes that `load_mesh` reads, in lower case."""
 
 _CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
-"""Endings of the files that `load_cloud` reads, in lower case."""
+"""File name suffixes that `load_cloud` reads, in lower case."""
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNINGS = {
@@ -60,39 +60,38 @@ def load_mesh(
     name: str | None = None,
     colors: bool = False,
 ) -> Mesh:
-    """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's ending.
+    """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's suffix.
 
     Parameters
     ----------
     path : path-like
-        Of a file, or of one in a ZIP archive: ``ModelNet40.zip/chair/train/chair_0001.off``.
+        A file, or a member of a ZIP archive: ``ModelNet40.zip/chair/train/chair_0001.off``.
     up : {"z", "y"}, optional
-        Which way is up in the file. Here z is: a file with y up is turned, (x, y, z) to (x, -z, y).
-        By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
+        Axis that points up in the file. A file with y up is turned: (x, y, z) to (x, -z, y). By default "y" for glTF,
+        as its standard says, and "z" for all others, which are not turned.
     unit : {"mm", "cm", "m", "in"}, optional
-        Unit of the file; the mesh is in metres then. By default its numbers stay, whatever they are.
+        Unit of the file; the mesh is then in metres. By default coordinates stay as they are.
     name : str, optional
-        The mesh's name; by default the file's without its ending.
+        Name of the mesh. Default: the file's name without its suffix.
     colors : bool
-        Read base colours too (`Mesh.colors`): of OBJ (.mtl and textures, numbers after the coordinates), PLY and glTF.
+        Read base colours too (`Mesh.colors`), from OBJ (.mtl, textures, numbers after the coordinates), PLY and glTF.
         Other formats, and surfaces without a colour, are grey.
 
     Returns
     -------
     Mesh
-        Cleaned (`Mesh.cleaned`), z up, in metres where `unit` is given and else in the file's own unit.
-        `source_face_ids` are indices of the file's faces: its polygons, before they were cut into triangles. `dropped`
-        counts, in addition to what `Mesh.cleaned` dropped, "too_few_corners" (faces of one or two corners) and
-        "unusable_vertices" (NaN or infinite ones that no face uses; all other vertices stay, in their order, used or
-        not).
+        Cleaned (`Mesh.cleaned`), z up, in metres if `unit` is given and else in the file's unit. `source_face_ids` are
+        indices of the file's polygons, before triangulation. `dropped` counts what `Mesh.cleaned` dropped,
+        "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite, used by no face). All
+        other vertices stay, in their order.
 
     Raises
     ------
     MeshError
-        No such file, not readable, of an unknown ending, damaged, cut short, without faces, with faces that refer to
-        vertices that are missing, NaN or infinite, or without any face of some area. The message names the file.
+        The file is missing, unreadable, damaged or cut short, or has an unknown suffix. Or it has no faces, no face of
+        non-zero area, or faces with vertices that are missing, NaN or infinite. The message names the file.
     OptionError
-        `up` is neither "z" nor "y", or `unit` none of those.
+        An unknown `up` or `unit`.
     ArgumentError
         `path` is no path.
 
@@ -103,10 +102,9 @@ def load_mesh(
 
     Notes
     -----
-    All objects, groups and nodes of a file become one mesh. Normals of vertices are not read. Whatever
-    a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
-    meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
-    compressed glTF longer.
+    All objects, groups and nodes of a file become one mesh. Vertex normals are not read. Memory stays within some 30
+    times the file's size, whatever a header declares; a glTF scene may repeat its meshes to a million triangles and a
+    gigabyte. Files of 100,000 faces take 0.1 to 1 s, compressed glTF longer.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise ArgumentError(f"path must be a path; got {type(path).__name__}. A mesh of trimesh: Mesh.from_trimesh.")
@@ -126,16 +124,17 @@ def load_mesh(
         if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # a binary STL begins with any 80 bytes
             data = data.removeprefix(_BYTE_ORDER_MARK)
         try:
-            look: PolygonColors | None = None
+            polygon_colors: PolygonColors | None = None
             if suffix in _GLTF:
-                polygons, look = read_gltf(data, files, colors=colors)
+                polygons, polygon_colors = read_gltf(data, files, colors=colors)
             else:
                 polygons = READERS[suffix](data)
                 warn_of_foreign_lines(path, data)
-                if colors and suffix in _LOOKS:
-                    look = _LOOKS[suffix](data, polygons, files)
+                if colors and suffix in _COLOR_READERS:
+                    polygon_colors = _COLOR_READERS[suffix](data, polygons, files)
             mesh_name = path.stem if name is None else name
-            return _finished(polygons, look, mesh_name, (up or default_up(path), unit), files.origin, colors)
+            frame = up or default_up(path), unit
+            return _mesh_of(polygons, polygon_colors, mesh_name, frame, files.origin, colors)
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
@@ -143,17 +142,17 @@ def load_mesh(
 
 
 def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
-    """Load a point cloud: PLY without faces, .npy of (n, 3), or .csv with x, y, z in front.
+    """Load a point cloud: PLY without faces, .npy of (n, 3), or .csv whose first columns are x, y, z.
 
     Returns
     -------
     (n, 3) float64 or None
-        In the file's own coordinates. None when the file is of another kind: a mesh, perhaps.
+        Points in the file's coordinates; None for a file of another kind, such as a mesh.
 
     Raises
     ------
     MeshError
-        No such file, damaged, or points that are not finite. The message names the file.
+        The file is missing or damaged, or a point is not finite. The message names the file.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -165,10 +164,10 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
         if positions is None:
             return None
         warn_of_foreign_lines(path, content)
-        if not len(positions) or not (np.abs(positions) <= LARGEST).all():  # NaN is not
+        if not len(positions) or not (np.abs(positions) <= LARGEST).all():  # False for NaN
             raise MeshError(
-                f"a point cloud must have points, their coordinates finite and below {LARGEST:g}; this one has not. "
-                "Clean it."
+                f"a point cloud must have points, with coordinates that are finite and below {LARGEST:g}; this one "
+                "does not. Clean it."
             )
     except MeshError as error:
         raise MeshError(f"{escape_control(str(path))}: {error}") from None
@@ -176,19 +175,19 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
 
 
 def default_up(path: Path) -> str:
-    """Return the axis that points up in a file of this ending: "y" in glTF, as its standard says, else "z"."""
+    """Return the axis that points up in files of a suffix: "y" for glTF, as its standard says, else "z"."""
     return "y" if path.suffix.lower() in _GLTF else "z"
 
 
-def _finished(
+def _mesh_of(
     polygons: Polygons,
-    look: PolygonColors | None,
+    polygon_colors: PolygonColors | None,
     name: str,
     frame: tuple[str, str | None],
     origin: MeshSource,
     colors: bool,
 ) -> Mesh:
-    """Cut into triangles, turn z up and to metres from a `frame` of axis and unit, clean."""
+    """Return the cleaned mesh of polygons: triangulated, z up, and in metres if the `frame` (axis, unit) has a unit."""
     if not (polygons.counts >= 3).any():
         raise MeshError(
             f"a mesh must have faces; the file has {len(polygons.vertices):,} vertices and no face of three corners. "
@@ -205,25 +204,27 @@ def _finished(
     ids = polygon_ids.astype(np.int32)
     found = None
     if colors:
-        found = SurfaceColors.plain(len(ids)) if look is None else look.on(polygons.triangle_corners(), polygon_ids)
+        found = SurfaceColors.plain(len(ids))
+        if polygon_colors is not None:
+            found = polygon_colors.of_triangles(polygons.triangle_corners(), polygon_ids)
     dropped = {reason: n for reason, n in dropped.items() if n}
     mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin, found)  # by `Polygons`
-    with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
+    with np.errstate(under="ignore"):  # areas that underflow are 0
         return mesh.cleaned()
 
 
 def warn_of_foreign_lines(path: Path, data: bytes) -> None:
-    """Warn of lines in a PLY file's header that were skipped."""
+    """Log a warning about skipped lines in a PLY file's header."""
     if path.suffix.lower() == ".ply" and (lines := foreign_lines(data)):
         shown = escape_control(lines[0][:60])
-        _LOG.warning("%s: %d lines of its header are none of PLY, and are skipped: %r", path, len(lines), shown)
+        _LOG.warning("%s: %d lines of its header are not PLY and are skipped: %r", path, len(lines), shown)
 
 
 def _hint(data: bytes, suffix: str) -> str:
-    """Say so when a file that could not be read looks like one of another format."""
+    """Return a sentence on the likely cause why a file cannot be read, such as another format; else ""."""
     start = data[:4096]
     if start.startswith(b"version https://git-lfs"):
-        return " It is a pointer of Git LFS, not the file itself: run `git lfs pull` where it was cloned."
+        return " It is a Git LFS pointer, not the file itself: run `git lfs pull` in the clone."
     if re.match(rb"\s*<(!doctype\s+)?html", start, re.IGNORECASE):
         return " It is a web page: download the file again."
     for other, beginning in _BEGINNINGS.items():
@@ -233,16 +234,16 @@ def _hint(data: bytes, suffix: str) -> str:
 
 
 def _table(path: Path, suffix: str) -> FloatArray:
-    """Read x, y, z of each row of a .npy or .csv file; a first line of words is a heading."""
+    """Return x, y, z of each row of a .npy or .csv file; a first line of words is a header."""
     try:
         if suffix == ".npy":
             table = np.load(path, allow_pickle=False)
         else:
             with path.open(encoding="utf-8", errors="replace") as file:
-                heading = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
-            table = np.loadtxt(path, delimiter=",", skiprows=int(heading), ndmin=2)
+                has_header = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
+            table = np.loadtxt(path, delimiter=",", skiprows=int(has_header), ndmin=2)
     except (OSError, ValueError) as error:
-        raise MeshError(f"it must be readable as numbers; reading says: {describe(error)}. Check it.") from None
+        raise MeshError(f"cannot read it as numbers: {describe(error)}. Check it.") from None
     if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
         raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
     return np.asarray(table[:, :3], dtype=np.float64)

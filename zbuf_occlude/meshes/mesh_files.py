@@ -1,4 +1,4 @@
-"""The files of a mesh, in folders or inside ZIP archives, read in place: ModelNet40.zip/chair/train/a.off."""
+"""The files of a mesh, in folders or in ZIP archives, which are read in place: ModelNet40.zip/chair/train/a.off."""
 
 import hashlib
 import os
@@ -14,62 +14,67 @@ ARCHIVE = ".zip"
 
 
 class MeshFiles:
-    """The files of the mesh at a path as they are read: each once, and its content is remembered."""
+    """The files of the mesh at a path, each read once and cached."""
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent
         self._contents: dict[Path, bytes] = {}
-        self._stamps: list[FileStat] = []
+        self._stats: list[FileStat] = []
 
     def read(self, path: Path) -> bytes:
         """Return the content of a file; raises as `content_of` does."""
         if path not in self._contents:
             try:
-                stamp = _stamp(path, self.folder)
+                stat = _file_stat(path, self.folder)
             except (OSError, ValueError):
-                stamp = FileStat(path.name, 0, 0)  # reading it says why
+                stat = FileStat(path.name, 0, 0)  # content_of raises with the cause
             self._contents[path] = content_of(path)
-            self._stamps.append(stamp)
+            self._stats.append(stat)
         return self._contents[path]
 
     def read_named(self, name: str) -> bytes:
-        """Return the content of a file that the mesh's file names: where it says, or of that name in its own folder.
+        """Return the content of a file that the mesh's file names: at that path, or of that name in the mesh's folder.
 
-        Names that differ in case alone do where there is none of the very name: they were one on the disk they come
-        from. Raises MeshError where neither is there. What lies outside the folder above the mesh's own is not read.
+        A name that differs only in case is accepted, as on a file system that ignores case. Files outside the folder
+        above the mesh's are not read.
+
+        Raises
+        ------
+        MeshError
+            There is no such file.
         """
         relative = name.replace("\\", "/").strip().strip('"')
         root = Path(os.path.normpath(self.folder.parent))
         stated = Path(os.path.normpath(self.folder / relative))
-        places = [stated] * stated.is_relative_to(root) + [self.folder / os.path.basename(relative)]
-        for place in places:
+        candidates = [stated] * stated.is_relative_to(root) + [self.folder / os.path.basename(relative)]
+        for candidate in candidates:
             try:
-                return self.read(place)
+                return self.read(candidate)
             except MeshError as error:
                 reason = error
-            if (other := _in_any_case(place, root)) is not None:
+            if (other := _in_any_case(candidate, root)) is not None:
                 return self.read(other)
         raise MeshError(f"{name[:80]!r}: {reason}") from None
 
     @property
     def origin(self) -> MeshSource:
-        """Of what was read so far."""
+        """Source of the files read so far."""
         digests = [hashlib.sha256(content).hexdigest() for content in self._contents.values()]
         if len(digests) > 1:
             digests = [hashlib.sha256("\n".join(digests).encode()).hexdigest()]
-        return MeshSource(digests[0], tuple(self._stamps))
+        return MeshSource(digests[0], tuple(self._stats))
 
 
 def origin_now(path: Path, then: MeshSource) -> MeshSource:
-    """Return what a mesh made of `then` would be made of now.
+    """Return the present source of a mesh that was loaded from `then`.
 
-    That is `then` itself, and nothing is read, where no file changed its size or time. A file that cannot be read has
-    an unknown origin.
+    It is `then` itself, without any reading, where no file changed its size or time. The source is unknown where a file
+    cannot be read.
     """
     folder = path.parent
-    paths = [path, *(folder / stamp.name for stamp in then.files[1:])]
+    paths = [path, *(folder / stat.name for stat in then.files[1:])]
     try:
-        if tuple(_stamp(each, folder) for each in paths) == then.files:
+        if tuple(_file_stat(each, folder) for each in paths) == then.files:
             return then
         files = MeshFiles(path)
         for each in paths:
@@ -80,17 +85,17 @@ def origin_now(path: Path, then: MeshSource) -> MeshSource:
 
 
 def origin_unread(path: Path) -> MeshSource:
-    """Return what shows of a file without reading it; of glTF its folder too, where buffers may appear."""
+    """Return size and time of a file without reading it; for glTF those of its folder too, which holds the buffers."""
     paths = [path, *([path.parent] if path.suffix.lower() in (".gltf", ".glb") else [])]
     try:
-        return MeshSource("", tuple(_stamp(each, path.parent) for each in paths))
+        return MeshSource("", tuple(_file_stat(each, path.parent) for each in paths))
     except (OSError, ValueError):
         return UNKNOWN
 
 
 def archive_of(path: Path) -> tuple[Path, str] | None:
-    """Return the archive that a path leads into and the member's name; None for a path outside archives."""
-    if ARCHIVE not in os.fspath(path).lower():  # as nearly all
+    """Return the archive that contains a path, and the member's name; None for a path outside archives."""
+    if ARCHIVE not in os.fspath(path).lower():  # true of nearly all paths
         return None
     for archive in path.parents:
         if archive.suffix.lower() == ARCHIVE and archive.is_file():
@@ -99,15 +104,15 @@ def archive_of(path: Path) -> tuple[Path, str] | None:
 
 
 def members(archive: Path) -> list[PurePosixPath]:
-    """Return the names of an archive's files, without those that lead out of it; MeshError if it cannot be read."""
+    """Return the names of an archive's files, without those outside its root; raise MeshError if it cannot be read."""
     names = (PurePosixPath(name) for name in _opened(archive).namelist() if not name.endswith("/"))
     return [name for name in names if not name.is_absolute() and ".." not in name.parts]
 
 
 def n_bytes_of(path: Path) -> int | None:
-    """Return how many bytes a file has, None where there is none; raise MeshError of an archive that cannot be read."""
-    if (place := archive_of(path)) is not None:
-        archive, name = place
+    """Return the size of a file in bytes, None if it is missing; raise MeshError for an unreadable archive."""
+    if (member := archive_of(path)) is not None:
+        archive, name = member
         return _opened(archive).getinfo(name).file_size if name in _opened(archive).NameToInfo else None
     try:
         return path.stat().st_size
@@ -116,9 +121,9 @@ def n_bytes_of(path: Path) -> int | None:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the content of a file; raise MeshError if it is missing, no file, not readable, or empty."""
-    if (place := archive_of(path)) is not None:
-        data = _member(*place)
+    """Return the content of a file; raise MeshError if it is missing, no regular file, unreadable or empty."""
+    if (member := archive_of(path)) is not None:
+        data = _member(*member)
     else:
         try:
             if path.is_dir():
@@ -129,9 +134,9 @@ def content_of(path: Path) -> bytes:
                 raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
             data = path.read_bytes()
         except OSError as error:
-            raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
+            raise MeshError(f"cannot read it: {error.strerror}. Check it.") from None
     if not data:
-        raise MeshError("it must hold something; it is empty, 0 bytes. Copy it again.")
+        raise MeshError("the file is empty. Copy it again.")
     return data
 
 
@@ -140,38 +145,36 @@ def _member(archive: Path, name: str) -> bytes:
         return _opened(archive).read(name)
     except KeyError:
         raise MeshError(f"there is no such file in {archive.name}. Check the path.") from None
-    except MeshError:  # of the watch over time and memory
+    except MeshError:  # raised by the limits of time and memory
         raise
     except MemoryError:
         size = _opened(archive).getinfo(name).file_size
         raise MeshError(
             f"it must fit in {memory_allowed()}; unpacked from {archive.name} it has {size:,} bytes. "
-            "Allow more, or unpack it and look whether it is a mesh."
+            "Allow more, or unpack it and check whether it is a mesh."
         ) from None
-    except Exception as error:  # what zipfile and its decompressors raise on damaged bytes is not ours to list
-        said = " ".join(str(error).split())[:100] or type(error).__name__
-        raise MeshError(f"it must be readable in {archive.name}; reading says: {said}. Is it damaged?") from None
+    except Exception as error:  # zipfile and its decompressors raise any error on damaged bytes
+        cause = " ".join(str(error).split())[:100] or type(error).__name__
+        raise MeshError(f"cannot read it in {archive.name}: {cause}. Is it damaged?") from None
 
 
 def _opened(archive: Path) -> zipfile.ZipFile:
     return _opened_in(archive, os.getpid())
 
 
-@lru_cache(maxsize=64)  # ShapeNetCore's 57: opening one anew takes up to a second, holding all some 200 MB
+@lru_cache(maxsize=64)  # enough for ShapeNetCore's 57, which take some 200 MB; opening one takes up to a second
 def _opened_in(archive: Path, process: int) -> zipfile.ZipFile:
-    """Open an archive once per process: a file opened before a fork would be read at the other's position."""
+    """Return an archive opened by this process: processes that share an open file share its position too."""
     try:
         return zipfile.ZipFile(archive)
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise MeshError(
-            f"{archive}: it must be a ZIP archive; reading says: {describe(error)}. Is it damaged?"
-        ) from None
+        raise MeshError(f"{archive}: cannot read the ZIP archive: {describe(error)}. Is it damaged?") from None
 
 
 def _in_any_case(path: Path, root: Path) -> Path | None:
-    """Return the file below a folder whose path differs from this one in case alone; None where there is none."""
-    if (place := archive_of(path)) is not None:
-        archive, name = place
+    """Return the file below a folder whose path differs from this one only in case; None where there is none."""
+    if (inside := archive_of(path)) is not None:
+        archive, name = inside
         member = _members_in_any_case(archive, os.getpid()).get(name.casefold(), name)
         return archive / member if member != name else None
     found = root
@@ -188,7 +191,7 @@ def _in_any_case(path: Path, root: Path) -> Path | None:
 
 @lru_cache(maxsize=16)
 def _names_in(folder: Path, changed_ns: int) -> dict[str, str]:
-    """Return the names in a folder as it was when last changed, by what they are in any case."""
+    """Return the names in a folder by their case-folded form; `changed_ns` makes the cache follow changes."""
     return {name.casefold(): name for name in sorted(os.listdir(folder), reverse=True)}
 
 
@@ -197,16 +200,16 @@ def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
     return {name.casefold(): name for name in sorted(_opened(archive).namelist(), reverse=True)}
 
 
-def _stamp(path: Path, folder: Path) -> FileStat:
+def _file_stat(path: Path, folder: Path) -> FileStat:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
     return FileStat(_name_from(path, folder), status.st_size, status.st_mtime_ns)
 
 
 def _name_from(path: Path, folder: Path) -> str:
-    if path.parent == folder:  # as nearly all: a million folders need not be resolved
+    if path.parent == folder:  # nearly always, without resolving a million folders
         return path.name
     for base in (folder, folder.resolve()):
         if path.is_relative_to(base):
             return path.relative_to(base).as_posix()
-    return Path(os.path.relpath(path, folder)).as_posix()  # textures may lie next to the folder
+    return Path(os.path.relpath(path, folder)).as_posix()  # textures may lie beside the folder

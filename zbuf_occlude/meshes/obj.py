@@ -1,4 +1,4 @@
-"""Wavefront OBJ: positions and faces; colours after the coordinates, materials (.mtl) and their textures."""
+"""Wavefront OBJ: vertices and faces; vertex colours, materials (.mtl) and their textures."""
 
 import posixpath
 import re
@@ -9,8 +9,8 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
-from zbuf_occlude.meshes.looks import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
+from zbuf_occlude.meshes.polygon_colors import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import Keywords, Lines, unix_lines
 
@@ -21,15 +21,19 @@ _COLOR_KEYWORDS = Keywords(of_numbers=(b"v", b"vt", b"f"), others=(b"usemtl",))
 _V, _VT, _F, _USEMTL = map(_COLOR_KEYWORDS.kind, (b"v", b"vt", b"f", b"usemtl"))
 _WITH_SLASHES = re.compile(rb"(?<=[ \t])[+-]?\d+/(-?\d*)(?:/-?\d*)?")
 _NAMES = re.compile(rb"^[ \t]*(usemtl|mtllib)(?:[ \t]+([^\n]*))?$", re.MULTILINE)
-_OPTIONS = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}  # of map_Kd: how many words follow at most; one after all others
+_OPTIONS = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}  # maximum number of words after an option of map_Kd; 1 for others
 
 
 def read_obj(data: bytes) -> Polygons:
-    """Read an OBJ file, all its objects and groups together: a polygon for each `f` line, in the order of the file.
+    """Return the polygons of an OBJ file, one for each `f` line, of all objects and groups.
 
-    Raises MeshError for a vertex without three numbers, and a face that refers to what is not there. Texture
-    coordinates, normals, points, lines and curves are ignored. Indices count from 1; negative ones count back from the
-    last vertex before their line. A file that was cut short between two lines cannot be told from a whole one.
+    Texture coordinates, normals, points, lines and curves are ignored. Indices count from 1; negative ones count back
+    from the last vertex before their line. A file cut short between two lines looks complete.
+
+    Raises
+    ------
+    MeshError
+        A vertex without three numbers; a face with an index of no vertex.
     """
     lines = Lines(_joined(data) if b"\\" in data else data, comment=b"#", keywords=KEYWORDS)
     is_vertex = lines.kinds == _VERTEX
@@ -48,28 +52,32 @@ def read_obj(data: bytes) -> Polygons:
 
 
 def _joined(data: bytes) -> bytes:
-    """Join the lines that a backslash at the end continues; rare, and so not the scanner's business."""
+    """Return the text with lines joined that end in a backslash; too rare for the scanner."""
     return re.sub(rb"#[^\n]*", b"", unix_lines(data)).replace(b"\\\n", b" ")
 
 
-class _Paint(NamedTuple):
-    """A material of a .mtl file; its texture by name."""
+class _MtlMaterial(NamedTuple):
+    """A material of a .mtl file."""
 
     color: tuple[float, float, float] | None = None
-    texture: str = ""
-    folder: str = ""  # of the .mtl file, where its textures lie
+    texture: str = ""  # file name
+    folder: str = ""  # of the .mtl file and its textures
     wrap: str = REPEAT
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     transmittance: float = 0.0
 
 
-def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
-    """Read the colours of an OBJ file's polygons, as `read_obj` returned them.
+def read_obj_colors(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
+    """Return the colours of an OBJ file's polygons, as `read_obj` returned them.
 
-    A texture (map_Kd) is multiplied by its material's Kd, which counts as white where it is black or not there.
-    Polygons without a texture have the colours of their vertices where the file has any, else Kd, else grey. Raises
-    MeshError for texture coordinates that are no numbers, or refer to what is not there.
+    A texture (map_Kd) is multiplied by its material's Kd, or by white where Kd is black or missing. Polygons without a
+    texture have the colours of their vertices where the file has any, else Kd, else grey.
+
+    Raises
+    ------
+    MeshError
+        A texture coordinate that is no number; a face with an index of no texture coordinate.
     """
     text = unix_lines(_joined(data) if b"\\" in data else data)
     lines = Lines(_WITH_SLASHES.sub(rb"\1.25", text), comment=b"#", keywords=_COLOR_KEYWORDS)
@@ -81,23 +89,23 @@ def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonC
 
     words = [(kind, name.decode("utf-8", "replace").strip()) for kind, name in _NAMES.findall(text)]
     used = [name for kind, name in words if kind == b"usemtl"]
-    lacking: dict[str, None] = {}
-    paints: dict[str, _Paint] = {}
+    warnings: dict[str, None] = {}
+    definitions: dict[str, _MtlMaterial] = {}
     for name in (name for kind, name in words if kind == b"mtllib"):
         try:
-            paints |= _read_materials(name, files)
+            definitions |= _read_materials(name, files)
         except MeshError as error:
-            lacking[f"materials {error}"] = None
+            warnings[f"materials {error}"] = None
     textures = Textures()
-    materials, places = [PLAIN, WHITE], [_Paint(), _Paint()]
-    numbers: dict[str, tuple[int, int]] = {"": (0, 0)}  # of each material: with its texture, and without
+    materials, mappings = [PLAIN, WHITE], [_MtlMaterial(), _MtlMaterial()]
+    numbers: dict[str, tuple[int, int]] = {"": (0, 0)}  # rows of each material: with its texture, and without
     for name in used:
         if name not in numbers:
-            paint = paints.get(name, _Paint())
-            numbers[name] = _add(name, paint, textures, files, materials, places)
-    turn = np.cumsum(lines.kinds == _USEMTL)[is_face]
+            definition = definitions.get(name, _MtlMaterial())
+            numbers[name] = _add(name, definition, textures, files, materials, mappings)
+    current = np.cumsum(lines.kinds == _USEMTL)[is_face]
     pairs = np.array([numbers[name] for name in ["", *used]])
-    ids = np.where(whole, *pairs[np.minimum(turn, len(used))].T)
+    ids = np.where(whole, *pairs[np.minimum(current, len(used))].T)
     textured = np.array([material.texture is not None for material in materials])[ids]
 
     colors = None
@@ -107,42 +115,49 @@ def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonC
             m if m.texture is not None else WHITE._replace(name=m.name, transmittance=m.transmittance)
             for m in materials
         ]
-    scale, offset = (np.array([getattr(place, name) for place in places])[ids][owners] for name in ("scale", "offset"))
-    placed = np.where(has_uv[:, None], uv, 0.0) * scale + offset
-    return PolygonColors(tuple(materials), ids, colors, placed, lacking=(*lacking, *textures.lacking))
+    scale, offset = (np.array([getattr(each, name) for each in mappings])[ids][owners] for name in ("scale", "offset"))
+    mapped = np.where(has_uv[:, None], uv, 0.0) * scale + offset
+    return PolygonColors(tuple(materials), ids, colors, mapped, warnings=(*warnings, *textures.warnings))
 
 
 def _add(
-    name: str, paint: _Paint, textures: Textures, files: MeshFiles, materials: list[Material], places: list[_Paint]
+    name: str,
+    definition: _MtlMaterial,
+    textures: Textures,
+    files: MeshFiles,
+    materials: list[Material],
+    mappings: list[_MtlMaterial],
 ) -> tuple[int, int]:
-    """Add a material's rows; return the one with its texture and the one for polygons without coordinates."""
+    """Append a material's rows; return the row with its texture, and that for polygons without coordinates."""
     texture = None
-    if paint.texture:
-        texture = textures.get(posixpath.join(paint.folder, paint.texture), lambda: _read_texture(paint, files))
-    base = PLAIN if paint.color is None else Material(paint.color)
+    if definition.texture:
+        path = posixpath.join(definition.folder, definition.texture)
+        texture = textures.get(path, lambda: _read_texture(definition, files))
+    base = PLAIN if definition.color is None else Material(definition.color)
     plain = len(materials)
-    materials.append(base._replace(name=name, transmittance=paint.transmittance))
-    places.append(_Paint())
+    materials.append(base._replace(name=name, transmittance=definition.transmittance))
+    mappings.append(_MtlMaterial())
     if texture is None:
         return plain, plain
-    factor = paint.color if paint.color is not None and any(paint.color) else WHITE.factor
-    materials.append(Material(factor, texture, (paint.wrap, paint.wrap), name, paint.transmittance))
-    places.append(paint)
+    factor = definition.color if definition.color is not None and any(definition.color) else WHITE.factor
+    wrap = definition.wrap, definition.wrap
+    materials.append(Material(factor, texture, wrap, name, definition.transmittance))
+    mappings.append(definition)
     return len(materials) - 1, plain
 
 
-def _read_texture(paint: _Paint, files: MeshFiles) -> bytes:
-    """Return the content of a texture: named from the .mtl file's folder, or else, as some do, from the mesh's."""
-    for name in (paint.texture, posixpath.basename(paint.texture.replace("\\", "/"))):
+def _read_texture(definition: _MtlMaterial, files: MeshFiles) -> bytes:
+    """Return the content of a texture, named relative to the .mtl file's folder or, in some files, to the mesh's."""
+    for name in (definition.texture, posixpath.basename(definition.texture.replace("\\", "/"))):
         try:
-            return files.read_named(posixpath.join(paint.folder, name))
+            return files.read_named(posixpath.join(definition.folder, name))
         except MeshError:
             continue
-    return files.read_named(paint.texture)
+    return files.read_named(definition.texture)
 
 
 def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
-    """Return the texture coordinates of all corners (c, 2); NaN where a corner has none."""
+    """Return the texture coordinates of all corners (c, 2); NaN for a corner without."""
     numbers = lines.numbers()
     is_vt = lines.kinds == _VT
     table = np.full((int(is_vt.sum()) + 1, 2), np.nan)
@@ -150,7 +165,7 @@ def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
     has_v = lines.counts[is_vt] > 1
     table[1:, 1] = np.where(has_v, numbers[np.minimum(lines.first[is_vt] + 1, len(numbers) - 1)], 0.0)
     given = numbers[np.repeat(is_face, lines.counts)]
-    ids = np.where(given == np.trunc(given), 0.0, np.trunc(given))  # what had a slash ends in .25
+    ids = np.where(given == np.trunc(given), 0.0, np.trunc(given))  # indices after a slash were marked by .25
     before = np.repeat(np.cumsum(is_vt)[is_face], lines.counts[is_face])
     ids = np.where(ids < 0, ids + before + 1, ids)
     if ids.size and not (ids.min() >= 0 and ids.max() < len(table)):
@@ -161,7 +176,7 @@ def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
 
 
 def _colors_of_vertices(lines: Lines) -> FloatArray:
-    """Return the colours of all vertices (v, 3): numbers after the coordinates."""
+    """Return the colours of all vertices (v, 3), from the numbers after the coordinates."""
     is_vertex = lines.kinds == _V
     has_color = lines.counts[is_vertex] >= 6
     first = lines.first[is_vertex][has_color, None] + np.arange(3, 6)
@@ -171,46 +186,47 @@ def _colors_of_vertices(lines: Lines) -> FloatArray:
     return colors
 
 
-def _read_materials(name: str, files: MeshFiles) -> dict[str, _Paint]:
-    """Read the .mtl file, or files, that an mtllib line names."""
+def _read_materials(name: str, files: MeshFiles) -> dict[str, _MtlMaterial]:
+    """Return the materials of the .mtl file or files that an mtllib line names."""
     try:
         texts = {name: files.read_named(name)}
     except MeshError:
         if len(name.split()) < 2:
             raise
         texts = {each: files.read_named(each) for each in name.split()}
-    paints: dict[str, _Paint] = {}
+    definitions: dict[str, _MtlMaterial] = {}
     for each, text in texts.items():
-        paints |= _materials_of(text.decode("utf-8-sig", "replace"), posixpath.dirname(each.replace("\\", "/")))
-    return paints
+        definitions |= _materials_of(text.decode("utf-8-sig", "replace"), posixpath.dirname(each.replace("\\", "/")))
+    return definitions
 
 
-def _materials_of(text: str, folder: str) -> dict[str, _Paint]:
-    """Read the materials of one .mtl file, which lies in this folder, from the mesh's on."""
-    paints: dict[str, _Paint] = {}
+def _materials_of(text: str, folder: str) -> dict[str, _MtlMaterial]:
+    """Return the materials of one .mtl file, whose folder is relative to the mesh's."""
+    definitions: dict[str, _MtlMaterial] = {}
     current = None
     for line in text.splitlines():
         word, _, rest = line.replace("\t", " ").strip().partition(" ")
         rest = rest.strip()
         if word == "newmtl":
-            current, paints[rest] = rest, _Paint(folder=folder)
+            current, definitions[rest] = rest, _MtlMaterial(folder=folder)
         elif current is not None and word == "Kd":
             try:
                 values = np.clip(np.nan_to_num([float(each) for each in rest.split()[:3]]), 0.0, 1.0).tolist()
             except ValueError:
                 continue  # "spectral", "xyz"
             red, green, blue = (values * 3)[:3] if values else WHITE.factor
-            paints[current] = paints[current]._replace(color=(red, green, blue))
+            definitions[current] = definitions[current]._replace(color=(red, green, blue))
         elif current is not None and word in ("d", "Tr") and _is_number(rest.split(" ")[-1]):
-            stopped = min(max(float(rest.split(" ")[-1]), 0.0), 1.0)  # after -halo, if that is there
-            paints[current] = paints[current]._replace(transmittance=1.0 - stopped if word == "d" else stopped)
+            value = min(max(float(rest.split(" ")[-1]), 0.0), 1.0)  # the last word: -halo may come before
+            transmittance = 1.0 - value if word == "d" else value
+            definitions[current] = definitions[current]._replace(transmittance=transmittance)
         elif current is not None and word.lower() == "map_kd":
-            paints[current] = _with_texture(paints[current], rest)
-    return paints
+            definitions[current] = _with_texture(definitions[current], rest)
+    return definitions
 
 
-def _with_texture(paint: _Paint, text: str) -> _Paint:
-    """Read what follows map_Kd: options, then a file's name, which may hold blanks."""
+def _with_texture(definition: _MtlMaterial, text: str) -> _MtlMaterial:
+    """Return a material with the arguments of map_Kd: options, then a file name, which may contain blanks."""
     words = text.split(" ")
     while words and (words[0].startswith("-") or not words[0]):
         option = words.pop(0)
@@ -218,11 +234,11 @@ def _with_texture(paint: _Paint, text: str) -> _Paint:
         while words and len(values) < _OPTIONS.get(option, int(bool(option))) and (not values or _is_number(words[0])):
             values.append(words.pop(0))
         if option == "-clamp" and values == ["on"]:
-            paint = paint._replace(wrap=CLAMP)
+            definition = definition._replace(wrap=CLAMP)
         elif option in ("-s", "-o") and all(map(_is_number, values)):
             u, v = (*map(float, values), *(1.0, 1.0))[:2] if option == "-s" else (*map(float, values), 0.0, 0.0)[:2]
-            paint = paint._replace(scale=(u, v)) if option == "-s" else paint._replace(offset=(u, v))
-    return paint._replace(texture=" ".join(words))
+            definition = definition._replace(scale=(u, v)) if option == "-s" else definition._replace(offset=(u, v))
+    return definition._replace(texture=" ".join(words))
 
 
 def _is_number(word: str) -> bool:

@@ -1,4 +1,4 @@
-"""The Object File Format (OFF), read as ModelNet and others really write it."""
+"""The Object File Format (OFF), with the variants found in ModelNet and elsewhere."""
 
 import re
 
@@ -9,27 +9,30 @@ from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 from zbuf_occlude.meshes.text import Lines, check_text, runs
 
-# [ST][C][N][4][n]OFF; ModelNet40 glues the number of vertices to it: "OFF3514 3546 0"
+# [ST][C][N][4][n]OFF; in ModelNet40 the number of vertices follows without a blank: "OFF3514 3546 0"
 _BLANK = rb"(?:\s|#[^\r\n]*)*"  # comments too
 _HEADER = re.compile(_BLANK + rb"(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?=[\s\d#]|$)")
 _NUMBER, _BINARY = re.compile(_BLANK + rb"\d"), re.compile(_BLANK + rb"BINARY")
 _TOKEN = re.compile(rb"#[^\r\n]*|[^\s#]+|\r\n?|\n")
-_EXTRAS = {1: 2, 2: 4, 3: 3}  # group of _HEADER -> further numbers of a vertex: texture, colour, normal
+_EXTRAS = {1: 2, 2: 4, 3: 3}  # further numbers of a vertex by the group of _HEADER: texture, colour, normal
 
 
 def read_off(data: bytes) -> Polygons:
-    """Read an OFF file's polygons, of any number of corners, in the order of the file.
+    """Return the polygons of an OFF file, of any number of corners, in the order of the file.
 
-    Raises MeshError for what is no OFF file, cut short, damaged, or declares more than it holds. Counts are compared
-    with the numbers that the file holds before anything is allocated.
+    Accepted are counts without a blank after the header; no header; no number of edges; comments and blank lines
+    anywhere; any line ends; records over several lines. The headers COFF, NOFF, CNOFF and STOFF are read. Numbers after
+    the coordinates of a vertex or the indices of a face are ignored. Binary files and other dimensions are refused.
 
-    Accepted: counts glued to the header; no header; no number of edges; comments and blank lines anywhere; any line
-    ends; records broken over lines. The headers COFF, NOFF, CNOFF and STOFF are read, and numbers after the coordinates
-    of a vertex or the indices of a face are ignored. Binary files and other dimensions are refused.
+    Almost all files have one record per line and are read by lines, which separates the numbers after a face from the
+    next face. Text after the last record is ignored, unless it is another face: then the counts are wrong. Any other
+    file is read as one stream of numbers, in which a face has nothing after its indices.
 
-    Almost all files have one record a line and are read by lines, which tells the numbers after a face from the next
-    face. What follows the last record is ignored, unless it is another face: then the counts are wrong. Any other file
-    is read as one stream of numbers, in which a face has nothing after its indices.
+    Raises
+    ------
+    MeshError
+        The file is no OFF file, cut short or damaged, or declares more than it contains. Declared counts are compared
+        with the numbers in the file before any allocation.
     """
     check_text(data)
     header = _HEADER.match(data)
@@ -38,7 +41,7 @@ def read_off(data: bytes) -> Polygons:
     start = extras = 0
     if header is not None:
         if header[4] or header[5]:
-            raise MeshError("an OFF file must hold points of three coordinates; this one has others. Convert it.")
+            raise MeshError("an OFF file must have points of three coordinates; this one has others. Convert it.")
         start = header.end()
         if _BINARY.match(data, start):
             raise MeshError("an OFF file must be text; this one is binary. Convert it.")
@@ -47,7 +50,7 @@ def read_off(data: bytes) -> Polygons:
     lines = Lines(data, start, comment=b"#")
     if 3 * n_vertices + n_faces > lines.n_numbers:
         raise MeshError(
-            f"an OFF file must hold what it declares; it declares {n_vertices:,} vertices and {n_faces:,} faces, "
+            f"an OFF file must contain what it declares; it declares {n_vertices:,} vertices and {n_faces:,} faces, "
             f"but only {lines.n_numbers:,} numbers follow. Is it damaged or cut short?"
         )
     polygons = _by_lines(lines, n_vertices, n_faces)
@@ -63,7 +66,7 @@ def read_off(data: bytes) -> Polygons:
 
 
 def _counts(data: bytes, start: int) -> tuple[int, int, int]:
-    """Numbers of vertices and faces, and where the counts end; the number of edges may be missing."""
+    """Return the numbers of vertices and faces, and the end of the counts; the number of edges may be missing."""
     tokens, lines, line = [], [], 0
     for match in _TOKEN.finditer(data, start):
         if match[0][0] in b"\r\n":
@@ -84,7 +87,7 @@ def _counts(data: bytes, start: int) -> tuple[int, int, int]:
 
 
 def _by_lines(lines: Lines, n_vertices: int, n_faces: int) -> Polygons | None:
-    """Read one record a line, or return None when the lines are not the records."""
+    """Return the polygons of a file with one record per line; None for any other file."""
     n_lines = n_vertices + n_faces
     if len(lines) < n_lines or (lines.counts[:n_vertices] < 3).any():
         return None
@@ -104,7 +107,7 @@ def _by_lines(lines: Lines, n_vertices: int, n_faces: int) -> Polygons | None:
 
 
 def _is_face(lines: Lines, line: int) -> bool:
-    """Whether a line may be a face of three corners or more."""
+    """Return whether a line may be a face of three or more corners."""
     try:
         first = lines.numbers(line + 1)[lines.first[line]]
     except MeshError:
@@ -113,7 +116,7 @@ def _is_face(lines: Lines, line: int) -> bool:
 
 
 def _numbers_before_lines_of_faces(lines: Lines, n_faces: int) -> int | None:
-    """How many numbers stand before the last lines of a file, where those are its faces, each whole; else None."""
+    """Return the count of numbers before the last `n_faces` lines if each of these is a whole face; else None."""
     n_before = len(lines) - n_faces
     if n_before < 0 or not n_faces:
         return None
@@ -123,11 +126,11 @@ def _numbers_before_lines_of_faces(lines: Lines, n_faces: int) -> int | None:
 
 
 def _as_stream(numbers: FloatArray, n_vertices: int, n_faces: int, width: int) -> Polygons:
-    """Read records of numbers, wherever lines end; `width` numbers make a vertex."""
+    """Return the polygons of a stream of numbers, whatever its lines; a vertex has `width` numbers."""
     table, rest = numbers[: n_vertices * width], numbers[n_vertices * width :]
     if len(table) < n_vertices * width:
         raise MeshError(
-            f"an OFF file must hold the {n_vertices:,} vertices that it declares; it ends after "
+            f"an OFF file must contain the {n_vertices:,} vertices that it declares; it ends after "
             f"{len(table) // width:,}. Is it damaged or cut short?"
         )
     starts, counts = _walk(rest, n_faces)
@@ -135,15 +138,15 @@ def _as_stream(numbers: FloatArray, n_vertices: int, n_faces: int, width: int) -
 
 
 def _walk(numbers: FloatArray, n_faces: int) -> tuple[Ints, Ints]:
-    """Starts and numbers of corners of the faces, each `n, index 1, ..., index n`, that fill `numbers`."""
+    """Return the starts and corner counts of the faces, each `n, index 1, ..., index n`, that fill `numbers`."""
     if len(numbers) == 4 * n_faces and (numbers[::4] == 3).all():
         return np.arange(n_faces) * 4 + 1, np.full(n_faces, 3)
     starts, counts = np.empty(n_faces, dtype=np.int64), np.empty(n_faces, dtype=np.int64)
     values = numbers.tolist()
     position = 0
-    for face in range(n_faces):  # where a face begins is only known once the one before it is read
+    for face in range(n_faces):  # the start of a face depends on the one before
         if position >= len(values):
-            raise MeshError(f"an OFF file must hold the {n_faces:,} faces that it declares; it ends after {face:,}.")
+            raise MeshError(f"an OFF file must contain the {n_faces:,} faces that it declares; it ends after {face:,}.")
         count = values[position]
         if not (count >= 0 and count == count // 1):
             raise MeshError(f"face {face} must begin with its number of corners; it begins with {count:g}.")
@@ -156,7 +159,7 @@ def _walk(numbers: FloatArray, n_faces: int) -> tuple[Ints, Ints]:
         position += 1 + int(count)
     if position < len(values):
         raise MeshError(
-            f"an OFF file must end after the {n_faces:,} faces that it declares, or have one record a line; "
+            f"an OFF file must end after the {n_faces:,} faces that it declares, or have one record per line; "
             f"{len(values) - position:,} numbers are left over. Is it damaged?"
         )
     return starts, counts

@@ -1,4 +1,4 @@
-"""The polygon file format (PLY), ASCII and binary: polygons of any and of mixed sizes, strips, points, colours."""
+"""The polygon file format (PLY), ASCII and binary: polygons of any size, strips, points, colours."""
 
 import re
 import struct
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError, did_you_mean
 from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
-from zbuf_occlude.meshes.looks import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
+from zbuf_occlude.meshes.polygon_colors import PolygonColors, Textures, in_unit_range
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 from zbuf_occlude.meshes.text import Lines, as_doubles, runs
 
@@ -21,7 +21,7 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"int64": "i8", "uint64": "u8", "float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
-_COUNT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}  # of struct, by size
+_COUNT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}  # formats of struct by size
 _KEYWORDS = ("format", "element", "property", "comment", "obj_info", "end_header")
 _INDEX_LISTS = ("vertex_indices", "vertex_index")
 _CHANNELS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -47,24 +47,28 @@ class _Element:
 
 @dataclass
 class _Columns:
-    """What was read of an element: scalars (rows,), and one list as values end to end and their number per row."""
+    """The rows of an element: its scalar properties and one list property."""
 
-    scalars: dict[str, NDArray[Any]]
-    values: NDArray[Any]
-    counts: Ints
+    scalars: dict[str, NDArray[Any]]  # (rows,) each
+    values: NDArray[Any]  # of the list, row after row
+    counts: Ints  # (rows,): values of each row
 
 
 def read_ply(data: bytes) -> Polygons:
-    """Read a PLY file's polygons, of any number of corners, in the order of the file; the triangles of strips after.
+    """Return the polygons of a PLY file, of any number of corners, in the order of the file; then those of strips.
 
-    Raises MeshError for what is not a PLY file, of unknown types, cut short, damaged, or declaring more than it holds.
-    Of the elements, `vertex` (x, y, z), `face` and `tristrips` (vertex_indices or vertex_index, in strips -1 where the
-    next one begins) are read, all others skipped. In an ASCII file each row must have a line of its own.
-    Nothing is allocated by what the header says before it was compared with the size of the file.
+    The elements `vertex` (x, y, z), `face` and `tristrips` (vertex_indices or vertex_index; -1 separates strips) are
+    read, all others skipped. In an ASCII file each row must have a line of its own.
+
+    Raises
+    ------
+    MeshError
+        The file is no PLY file, has unknown types, is cut short or damaged, or declares more than it contains. Declared
+        counts are compared with the size of the file before any allocation.
     """
     columns = _read_elements(data)
     if "vertex" not in columns or not {"face", "tristrips"} & columns.keys():
-        raise MeshError("a PLY file must have the elements vertex and face; this one has not. Is it a point cloud?")
+        raise MeshError("a PLY file must have the elements vertex and face; this one does not. Is it a point cloud?")
     corners, counts = [], []
     if "face" in columns:
         corners.append(columns["face"].values)
@@ -77,25 +81,25 @@ def read_ply(data: bytes) -> Polygons:
 
 
 def foreign_lines(data: bytes) -> list[str]:
-    """Return the lines of a PLY file's header that are none of the format: some exporters forget to write "comment"."""
+    """Return the lines of a PLY file's header that are not PLY: some exporters leave out the word "comment"."""
     lines = (line.decode("latin-1") for line in data[: _header_end(data).start()].splitlines()[1:])
     return [line for line in lines if line.split() and line.split()[0] not in _KEYWORDS]
 
 
 def read_ply_points(data: bytes) -> FloatArray | None:
-    """Read the vertices (n, 3) of a PLY file that has no faces; None when it has faces or no vertices."""
+    """Return the vertices (n, 3) of a PLY file without faces; None for a file with faces or without vertices."""
     counts = {element.name: element.n_rows for element in _read_header(data)[0]}
     if counts.get("face") or counts.get("tristrips") or not counts.get("vertex"):
         return None
     return _positions(_read_elements(data)["vertex"])
 
 
-def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
-    """Read the colours of a PLY file's polygons, as `read_ply` returned them.
+def read_ply_colors(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonColors:
+    """Return the colours of a PLY file's polygons, as `read_ply` returned them.
 
-    A texture ("comment TextureFile") where vertices have coordinates in it, else the colours of vertices, else those of
-    faces, else grey. Integers count to the largest of their type, or to 255 where none is above; floats to 1, or to 255
-    (`in_unit_range`).
+    They are those of the texture ("comment TextureFile") if vertices have texture coordinates, else of the vertices,
+    else of the faces, else grey. Integers range to the maximum of their type, or to 255 if none is above; floats to 1,
+    or to 255 (`in_unit_range`).
     """
     elements = {element.name: element for element in _read_header(data)[0]}
     columns = _read_elements(data)
@@ -109,15 +113,15 @@ def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> PolygonC
         if texture is not None:
             uv = np.stack([as_doubles(vertices.scalars[each]) for each in pair], axis=1)
             return PolygonColors((Material(WHITE.factor, texture),), everything, uv=uv[polygons.corners])
-    lacking = tuple(textures.lacking)
+    warnings = tuple(textures.warnings)
     if (colors := _colors(elements["vertex"], vertices)) is not None:
-        return PolygonColors((WHITE,), everything, colors[polygons.corners], lacking=lacking)
+        return PolygonColors((WHITE,), everything, colors[polygons.corners], warnings=warnings)
     if "face" in columns and _channels(elements["face"]) is not None:
         colors = _colors(elements["face"], columns["face"])
         if colors is not None and len(colors) == len(polygons.counts):
-            return PolygonColors((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
-        lacking = (*lacking, "colours of faces: they are not read beside strips, or lists of different lengths")
-    return PolygonColors((PLAIN,), everything, lacking=lacking)
+            return PolygonColors((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), warnings=warnings)
+        warnings = (*warnings, "colours of faces: they are not read beside strips, or lists of different lengths")
+    return PolygonColors((PLAIN,), everything, warnings=warnings)
 
 
 def _channels(element: _Element) -> tuple[str, str, str] | None:
@@ -126,7 +130,7 @@ def _channels(element: _Element) -> tuple[str, str, str] | None:
 
 
 def _colors(element: _Element, columns: _Columns) -> FloatArray | None:
-    """Return the colours (rows, 3) of an element in [0, 1]; None where it has none."""
+    """Return the colours (rows, 3) of an element in [0, 1]; None for an element without."""
     channels = _channels(element)
     if channels is None or not all(name in columns.scalars for name in channels):
         return None
@@ -135,13 +139,13 @@ def _colors(element: _Element, columns: _Columns) -> FloatArray | None:
     if all(kind.kind in "iu" for kind in kinds):
         most = max(np.iinfo(kind).max for kind in kinds)
         if most > 255 and not (found > 255).any():
-            most = 255  # bytes, whatever room they have
+            most = 255  # bytes in a larger type
         found = found / most
     return in_unit_range(found)
 
 
 def _read_elements(data: bytes) -> dict[str, _Columns]:
-    """Return the columns of the elements up to the last one that a mesh is made of; raises as `read_ply`."""
+    """Return the columns of the elements, up to the last one that a mesh needs; raises as `read_ply`."""
     elements, encoding, body = _read_header(data)
     source = _Ascii(body) if encoding == "ascii" else _Binary(body, "<" if "little" in encoding else ">")
     n_wanted = max((i for i, each in enumerate(elements, 1) if each.name in ("vertex", "face", "tristrips")), default=0)
@@ -149,27 +153,27 @@ def _read_elements(data: bytes) -> dict[str, _Columns]:
 
 
 def _of_strips(strips: _Columns) -> NDArray[Any]:
-    """Return the triangles (t, 3) of strips, rows of indices in which -1 begins another strip.
+    """Return the triangles (t, 3) of strips, rows of indices in which -1 separates strips.
 
-    Every other triangle of a strip is turned over, so that all face the same way.
+    Every second triangle of a strip is reversed, so that all have the same orientation.
     """
     row = np.repeat(np.arange(len(strips.counts)), strips.counts)
     is_end = strips.values == -1
     strip = np.cumsum(is_end) + row  # grows where either changes
-    places = np.flatnonzero(~is_end)
-    ids, strip = strips.values[places], strip[places]
+    kept = np.flatnonzero(~is_end)
+    ids, strip = strips.values[kept], strip[kept]
     within = np.arange(len(ids)) - np.searchsorted(strip, strip)
     last = np.flatnonzero(within >= 2)
     triangles = np.stack([ids[last - 2], ids[last - 1], ids[last]], axis=1)
-    is_turned = within[last] % 2 == 1
-    triangles[is_turned] = triangles[is_turned][:, [1, 0, 2]]
+    is_odd = within[last] % 2 == 1
+    triangles[is_odd] = triangles[is_odd][:, [1, 0, 2]]
     return triangles
 
 
 def _positions(vertices: _Columns) -> FloatArray:
-    """(v, 3) float64."""
+    """Return the positions (v, 3) of the vertices, float64."""
     if not all(axis in vertices.scalars for axis in "xyz"):
-        raise MeshError("the vertices of a PLY file must have x, y and z; these have not. Is it damaged?")
+        raise MeshError("the vertices of a PLY file must have x, y and z; they do not. Is it damaged?")
     return np.stack([as_doubles(vertices.scalars[axis]) for axis in "xyz"], axis=1)
 
 
@@ -178,7 +182,7 @@ def _header_end(data: bytes) -> re.Match[bytes]:
     newline = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if newline is None:
         raise MeshError("a PLY file must begin with the line 'ply'; this one does not. Is it of another format?")
-    ends = (re.escape(newline[1]) + rb"|$", rb"\r\n|\n|\r")  # the last line may end in another way than the first
+    ends = (re.escape(newline[1]) + rb"|$", rb"\r\n|\n|\r")  # the last line end may differ from the first
     end = next(filter(None, (re.search(rb"[\r\n]end_header[ \t]*(%s)" % each, data) for each in ends)), None)
     if end is None:
         raise MeshError("the header of a PLY file must end with end_header; this one does not. Is it cut short?")
@@ -199,7 +203,7 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                 case ["element", name, count] if re.fullmatch(r"[0-9]{1,18}", count):
                     elements.append(_Element(name, int(count)))
                 case ["property", "list", count_type, value_type, name]:
-                    # lengths are read as unsigned: a negative one is then larger than any file
+                    # lengths are read as unsigned, so that a negative one exceeds the file's size
                     of_count = np.dtype(_TYPES[count_type].replace("i", "u"))
                     if of_count.kind == "f":
                         raise KeyError(count_type)
@@ -209,10 +213,10 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                 case [] | ["comment", *_] | ["obj_info", *_]:
                     pass
                 case [word, *_] if b"\0" in line or _is_like_a_keyword(word):
-                    raise KeyError(word)  # no line that somebody wrote, or a mistyped one, which all that follows needs
+                    raise KeyError(word)  # binary data, or a mistyped keyword
         except (KeyError, IndexError):
             shown = line[:60].decode("latin-1")
-            raise MeshError(f"the header of a PLY file must be readable; it has the line {shown!r}.") from None
+            raise MeshError(f"cannot read the header of the PLY file: its line {shown!r} is invalid.") from None
     if twice := [each.name for i, each in enumerate(elements) if each.name in {other.name for other in elements[:i]}]:
         raise MeshError(f"a PLY file must have each element once; it has {twice[0][:60]!r} twice. Is it damaged?")
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
@@ -226,13 +230,13 @@ def _is_like_a_keyword(word: str) -> bool:
 
 def _too_short(element: _Element, n_held: int, what: str) -> MeshError:
     return MeshError(
-        f"a PLY file must hold the {element.n_rows:,} rows of the element {element.name} that it declares; "
+        f"a PLY file must contain the {element.n_rows:,} rows of the element {element.name} that it declares; "
         f"it has {n_held:,} {what} for them. Is it damaged or cut short?"
     )
 
 
 class _Ascii:
-    """Rows as lines of numbers."""
+    """The body of an ASCII file: rows as lines of numbers."""
 
     def __init__(self, body: bytes) -> None:
         self._lines = Lines(body)
@@ -259,7 +263,7 @@ class _Ascii:
                 continue
             if not ((values >= 0) & (values <= line_end - position) & (values == np.floor(values))).all():
                 raise MeshError(
-                    f"a list in the element {element.name} must stand whole on its line; one does not. Is it damaged?"
+                    f"a list in the element {element.name} must be complete on its line; one is not. Is it damaged?"
                 )
             counts = values.astype(np.int64)
             if column.name in _INDEX_LISTS:
@@ -269,7 +273,7 @@ class _Ascii:
 
 
 class _Binary:
-    """Rows as packed records."""
+    """The body of a binary file: rows as packed records."""
 
     def __init__(self, body: bytes, byte_order: Literal["<", ">"]) -> None:
         self._body = body
@@ -283,10 +287,10 @@ class _Binary:
             raise _too_short(element, room, "bytes")
         if not element.properties or element.n_rows == 0:
             return _Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
-        return self._alike(element) or self._one_by_one(element)
+        return self._read_equal_rows(element) or self._read_unequal_rows(element)
 
-    def _alike(self, element: _Element) -> _Columns | None:
-        """Read rows whose lists are all as long as the first row's, or return None when they are not."""
+    def _read_equal_rows(self, element: _Element) -> _Columns | None:
+        """Return the columns if all rows have lists as long as the first row's; else None."""
         of_lists = iter(self._walk(element, 1)[1][0])
         lengths = [1 if p.count_dtype is None else int(next(of_lists)) for p in element.properties]
         fields: list[tuple[str, object]] = []
@@ -312,8 +316,8 @@ class _Binary:
         self._next_byte += element.n_rows * size
         return columns
 
-    def _one_by_one(self, element: _Element) -> _Columns:
-        """Read rows of different lengths."""
+    def _read_unequal_rows(self, element: _Element) -> _Columns:
+        """Return the columns of rows of different lengths."""
         if element.name == "vertex":
             raise MeshError("the vertices of a PLY file must have no lists of different lengths. Convert it.")
         starts, counts, self._next_byte = self._walk(element, element.n_rows)
@@ -326,7 +330,7 @@ class _Binary:
         return _Columns({}, packed.view(dtype.newbyteorder(self._order)), counts[:, wanted])
 
     def _walk(self, element: _Element, n_rows: int) -> tuple[Ints, Ints, int]:
-        """Byte offsets and lengths of the lists of the next rows, (n_rows, lists), and where the last row ends."""
+        """Return offsets and lengths of the lists of the next rows, (n_rows, lists), and the end of the last row."""
         steps = []
         gap = 0  # bytes since the last list
         for column in element.properties:
@@ -339,7 +343,7 @@ class _Binary:
         starts, counts = [], []
         position = self._next_byte
         try:
-            for _ in range(n_rows):  # where a row begins is only known once the one before it is read
+            for _ in range(n_rows):  # the start of a row depends on the one before
                 for before, unpack_from, size, item in steps:
                     position += before
                     (count_here,) = unpack_from(self._body, position)

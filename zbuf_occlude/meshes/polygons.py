@@ -1,4 +1,4 @@
-"""Polygons: what every reader of a mesh format returns, and how they become triangles, concave ones too."""
+"""Polygons, as every reader of a mesh format returns them, and their triangulation, concave ones included."""
 
 import math
 from dataclasses import dataclass
@@ -15,25 +15,28 @@ from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 Ints = NDArray[np.int64]
 
-_ROUNDING = 1e-12  # a fan's triangle may be turned over by this much of the polygon's area: collinear corners
+_ROUNDING = 1e-12  # reversed area allowed in a fan's triangle, over the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
 _MOST_EARS = 50_000
-"""Corners of a polygon that is cut by ears: one that crosses itself takes time as their square, here 10 s, and compiled
-code cannot be interrupted."""
-_EARS = -1  # in place of the corner that a fan begins with
+"""Maximum corners of a polygon that is triangulated by ear clipping.
+
+A polygon that crosses itself takes quadratic time, here 10 s, and compiled code cannot be interrupted."""
+_EARS = -1  # hub of a polygon that needs ear clipping
 
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Vertices, and polygons as runs of indices of vertices.
+    """Vertices, and polygons as runs of vertex indices.
 
-    Raises MeshError for indices that are not whole or out of range, and for used vertices that are not finite or beyond
-    `LARGEST`.
+    Raises
+    ------
+    MeshError
+        An index that is no whole number or out of range; a used vertex that is not finite or beyond `LARGEST`.
     """
 
-    vertices: FloatArray  # (v, 3); NaN and infinity where no polygon uses them
-    corners: NDArray[Any]  # (c,): indices of vertices, polygon after polygon; floats where a text held them
-    counts: Ints  # (p,): corners of each polygon of the file, in its order; fewer than three make no face
+    vertices: FloatArray  # (v, 3); vertices that no polygon uses may be NaN or infinite
+    corners: NDArray[Any]  # (c,): vertex indices, polygon after polygon; floats if they come from a text
+    counts: Ints  # (p,): corners of each polygon, in the order of the file; fewer than three make no face
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -51,32 +54,32 @@ class Polygons:
         if unusable >= 0:
             vertex = int(corners[unusable])
             raise MeshError(
-                f"vertex {vertex} must be finite and below {LARGEST:g}, for face {_polygon_of(unusable, counts)} "
+                f"vertex {vertex} must be finite and below {LARGEST:g}, since face {_polygon_of(unusable, counts)} "
                 f"uses it; it is {vertices[vertex].tolist()}. Repair the file."
             )
         vars(self).update(vertices=vertices, corners=corners, counts=counts)
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, triangles: ArrayLike) -> "Polygons":
-        """Take ``(f, 3)`` indices of vertices as polygons of three corners."""
+        """Return triangles, vertex indices (f, 3), as polygons."""
         corners = np.asarray(triangles).reshape(-1)
         return cls(vertices, corners, np.full(len(corners) // 3, 3))
 
     def without_unusable_vertices(self) -> "Polygons":
-        """Return the same without the vertices that are NaN, infinite or too large; no polygon uses one."""
-        usable = (np.abs(self.vertices) <= LARGEST).all(axis=1)  # NaN is not
+        """Return the polygons without the vertices that are NaN, infinite or too large; no polygon uses them."""
+        usable = (np.abs(self.vertices) <= LARGEST).all(axis=1)  # False for NaN
         if usable.all():
             return self
         renumbered = np.cumsum(usable) - 1
         return Polygons(self.vertices[usable], renumbered[self.corners], self.counts)
 
     def triangles(self) -> tuple[Ints, Ints]:
-        """Cut every polygon into triangles (f, 3), in their order; return the polygon of each triangle (f,) too.
+        """Return the triangles (f, 3) of all polygons, in their order, and the polygon of each triangle (f,).
 
-        A polygon is fanned out from its first corner, or its second, where all the fan's triangles face the way
-        the polygon does: exact for every convex polygon and every quadrilateral that does not cross itself. What is
-        left is projected on its own plane (normal by Newell's sum) and cut by ears. A polygon that is not flat has
-        no one right triangulation, one that crosses itself none at all; they get some triangles within their corners.
+        A polygon becomes a fan from its first or second corner if all triangles of the fan face the way the polygon
+        does. This is exact for convex polygons and for quadrilaterals that do not cross themselves. Other polygons are
+        projected on their plane (normal by Newell's sum) and triangulated by ear clipping. A polygon that is not flat
+        has no unique triangulation, and one that crosses itself has none: they get some triangles of their corners.
         """
         if (self.counts == 3).all():
             return self.corners.reshape(-1, 3), np.arange(len(self.counts))
@@ -95,15 +98,15 @@ class Polygons:
         return triangles, polygon_ids
 
     def triangle_corners(self) -> Ints:
-        """Return for each corner of the triangles that `triangles` gives which of `corners` it is, (f, 3)."""
+        """Return the triangles of `triangles` as indices of `corners`, (f, 3)."""
         own = np.arange(len(self.corners))
         return Polygons(self.vertices[self.corners], own, self.counts).triangles()[0]
 
     def _ears(self, starts: Ints, counts: Ints) -> list[Ints]:
-        """Cut polygons by ears: corners of triangles (t, 3), counted from each polygon's first."""
+        """Return the triangles (t, 3) of each polygon by ear clipping, as corner numbers of the polygon."""
         if len(counts) and counts.max() > _MOST_EARS:
             raise MeshError(
-                f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Cut it up."
+                f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Split it."
             )
         positions, axes = np.empty((int(counts.sum()), 3)), np.empty((len(counts), 2, 3))
         _fill_planes(self.vertices, self.corners, starts, counts, positions, axes)
@@ -117,22 +120,22 @@ class Polygons:
 
 
 def _with_gaps(ears: Ints, n: int) -> Ints:
-    """Add the corners that looked collinear and were left out; unless the polygon is flat, they stand out of it."""
+    """Return the triangles with those at corners left out as collinear: outside a flat polygon they have an area."""
     is_kept = np.zeros(n, dtype=bool)
     is_kept[ears] = True
     kept, left_out = np.flatnonzero(is_kept), np.flatnonzero(~is_kept)
     if not len(kept):
         return np.stack([np.zeros(n - 2, dtype=np.int64), np.arange(1, n - 1), np.arange(2, n)], axis=1)
-    # close the gap from each to the last corner before it that was not left out
+    # a triangle of each with the last kept corner before it and the corner after it
     gaps = np.stack([kept[np.searchsorted(kept, left_out) - 1], left_out, (left_out + 1) % n], axis=1)
     return np.concatenate([ears, gaps])
 
 
 @njit(cache=True, nogil=True)
 def _fill_whole_numbers(given, vertices, corners):
-    """Corners as integers; returns the first that is none or out of range, the first of an unusable vertex; else -1."""
+    """Write corners as integers; return the first invalid one, and the first with an unusable vertex; -1 for none."""
     for i in range(len(given)):
-        if not 0 <= given[i] < len(vertices):  # NaN is not
+        if not 0 <= given[i] < len(vertices):  # True for NaN
             return i, -1
         corners[i] = given[i]
         if corners[i] != given[i]:
@@ -146,12 +149,12 @@ def _fill_whole_numbers(given, vertices, corners):
 
 @njit(cache=True, nogil=True)
 def _choose_hubs(vertices, corners, starts, counts, hubs):
-    """The corner that each polygon is fanned out from, its first (0) or its second; `_EARS` where neither will do."""
+    """Write the hub of each polygon's fan: its first corner (0) or second (1), or `_EARS` if neither is possible."""
     for polygon in range(len(counts)):
         start, n = starts[polygon], counts[polygon]
         for hub in range(2 if n > 3 else 0):
             first = vertices[corners[start + hub]]
-            # twice the area vectors of the fan's triangles, and their sum, Newell's normal
+            # sum of twice the area vectors of the fan's triangles: Newell's normal
             whole, size = (0.0, 0.0, 0.0), 0.0
             for i in range(1, n - 1):
                 b, c = corners[start + (hub + i) % n], corners[start + (hub + i + 1) % n]
@@ -170,7 +173,7 @@ def _choose_hubs(vertices, corners, starts, counts, hubs):
 
 @njit(cache=True, nogil=True)
 def _fill_fans(corners, starts, hubs, ends, triangles, polygon_ids):
-    """Fill the triangles (f, 3) of fans, leaving those of ears empty, and the polygon of every triangle, (f,)."""
+    """Write the triangles (f, 3) of fans, but not of clipped ears, and the polygon of every triangle, (f,)."""
     begin = 0
     for polygon in range(len(ends)):
         n, start, hub = ends[polygon] - begin + 2, starts[polygon], hubs[polygon]
@@ -184,7 +187,7 @@ def _fill_fans(corners, starts, hubs, ends, triangles, polygon_ids):
 
 @njit(cache=True, nogil=True)
 def _fill_planes(vertices, corners, starts, counts, positions, axes):
-    """Corners of polygons from the first of each, (c, 3), and two axes of the plane of each, (p, 2, 3)."""
+    """Write corners relative to the first of each polygon, (c, 3), and two axes of each polygon's plane, (p, 2, 3)."""
     end = 0
     for polygon in range(len(counts)):
         begin = end
@@ -197,7 +200,7 @@ def _fill_planes(vertices, corners, starts, counts, positions, axes):
         for i in range(begin, end - 1):
             part = cross(positions[i], positions[i + 1])
             normal = (normal[0] + part[0], normal[1] + part[1], normal[2] + part[2])
-        # the least of the normal's components names the world axis to start from
+        # start from the world axis of the normal's smallest component
         if abs(normal[0]) <= abs(normal[1]) and abs(normal[0]) <= abs(normal[2]):
             across = cross(normal, (1.0, 0.0, 0.0))
         elif abs(normal[1]) <= abs(normal[2]):

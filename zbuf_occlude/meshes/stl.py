@@ -14,18 +14,22 @@ from zbuf_occlude.meshes.text import Keywords, Lines, as_doubles, unix_lines
 _HEADER = 84  # bytes: 80 of anything and the number of facets
 _FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attributes", "<u2")])
 KEYWORDS = Keywords((b"vertex",), (b"facet", b"endfacet", b"solid", b"endsolid"), lower_case=True)
-_ONE_RECORD_A_LINE = re.compile(rb"(?:\x04(?:\x02\x01{3}\x03)*\x05)+")  # in numbers of KEYWORDS
+_ONE_RECORD_PER_LINE = re.compile(rb"(?:\x04(?:\x02\x01{3}\x03)*\x05)+")  # numbers of KEYWORDS
 _SOLID_LINE = re.compile(rb"^[ \t]*(end[ \t]*)?solid\b[^\n]*", re.MULTILINE)
 _VERTEX = re.compile(rb"\bvertex((?:\s+\S+){3})\s+(?=vertex|outer|(?:end)?(?:loop|facet|solid))")
 _NORMAL = re.compile(rb"\bnormal(\s+\S+){3}")
 
 
 def read_stl(data: bytes) -> Polygons:
-    """Read an STL file: triangles in its order, each with three vertices of its own.
+    """Return the triangles of an STL file, each with three vertices of its own.
 
-    Raises MeshError for what is cut short or damaged. A binary file may begin with "solid" too: what decides is whether
-    the declared number of facets gives the file's size. Bytes after the last facet are ignored; normals and attributes
-    are not read.
+    A file is binary if its size follows from the declared number of facets, even if it begins with "solid". Bytes after
+    the last facet are ignored; normals and attributes are not read.
+
+    Raises
+    ------
+    MeshError
+        The file is cut short or damaged.
     """
     n_declared = struct.unpack_from("<I", data, _HEADER - 4)[0] if len(data) >= _HEADER else None
     fits_exactly = n_declared is not None and len(data) == _HEADER + n_declared * _FACET.itemsize
@@ -36,24 +40,24 @@ def read_stl(data: bytes) -> Polygons:
 
 def _read_binary(data: bytes, n_declared: int | None) -> FloatArray:
     if n_declared is None:
-        raise MeshError(f"a binary STL file must have {_HEADER} bytes at least; it has {len(data)}. Is it cut short?")
+        raise MeshError(f"a binary STL file must have at least {_HEADER} bytes; it has {len(data)}. Is it cut short?")
     n_held = (len(data) - _HEADER) // _FACET.itemsize
     if n_declared > n_held:
         raise MeshError(
-            f"a binary STL file must hold the {n_declared:,} facets that it declares; it has room for {n_held:,}. "
+            f"a binary STL file must contain the {n_declared:,} facets that it declares; it has room for {n_held:,}. "
             "Is it damaged or cut short?"
         )
     return as_doubles(np.frombuffer(data, _FACET, n_declared, _HEADER)["vertices"].reshape(-1, 3))
 
 
 def _read_text(data: bytes) -> FloatArray:
-    """Read the vertices of a text; fast where its lines are its records."""
+    """Return the vertices of an ASCII file; fast where each record is a line."""
     lines = Lines(data, keywords=KEYWORDS)
     counts = lines.counts[lines.kinds == KEYWORDS.kind(b"vertex")]
-    if _ONE_RECORD_A_LINE.fullmatch(lines.kinds.tobytes()) and (counts == 3).all():
-        with suppress(MeshError):  # what is not a number is looked for below, where the words are better
+    if _ONE_RECORD_PER_LINE.fullmatch(lines.kinds.tobytes()) and (counts == 3).all():
+        with suppress(MeshError):  # the code below reports a word that is no number
             return lines.numbers().reshape(-1, 3)
-    # names may be anything, "vertex 1 2 3" too
+    # a solid may have any name, such as "vertex 1 2 3"
     text = _SOLID_LINE.sub(lambda line: b"endsolid" if line[1] else b"solid", unix_lines(data).lower())
     text = _NORMAL.sub(b"", text)
     n_facets, n_vertices = text.count(b"endfacet"), text.count(b"vertex")
@@ -66,5 +70,5 @@ def _read_text(data: bytes) -> FloatArray:
         )
     vertices = _VERTEX.findall(text)
     if len(vertices) != n_vertices:
-        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one has not. Is it damaged?")
+        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one does not. Is it damaged?")
     return Lines(b"\n".join(vertices)).numbers().reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Texts of lines of numbers: where the lines are, and their numbers, correctly rounded, read in one compiled pass."""
+"""Text files of numbers: their lines and correctly rounded numbers, read in one compiled pass."""
 
 import re
 from typing import NamedTuple
@@ -19,13 +19,13 @@ _NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|
 
 
 _SMALLEST, _LARGEST = -342, 308
-"""Powers of ten beyond which every number of 19 digits is 0 or infinite."""
+"""Exponents of ten beyond which every number of 19 digits is 0 or infinite."""
 _DIGITS = 19
-"""This many digits always fit into 64 bits."""
+"""Digits that always fit into 64 bits."""
 
 
 def _powers_of_five() -> NDArray[np.uint64]:
-    """The 128 leading bits of each power of five, (high, low), rounded down, the reciprocals up."""
+    """Return the 128 leading bits (high, low) of each power of five, rounded down, and of their reciprocals, up."""
     rows = []
     for exponent in range(_SMALLEST, _LARGEST + 1):
         power = 5 ** abs(exponent)
@@ -40,51 +40,51 @@ def _powers_of_five() -> NDArray[np.uint64]:
 
 _POWERS = _powers_of_five()
 _EXACT = np.array([10.0**exponent for exponent in range(23)])
-"""The powers of ten that float64 holds exactly."""
+"""Powers of ten that float64 represents exactly."""
 _LOW = np.uint64(0xFFFFFFFF)
 _FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _ONE, _ZERO = np.uint64(1), np.uint64(0)
 
 
 class Keywords(NamedTuple):
-    """The words, of up to eight letters, that lines of a format begin with; all other lines are passed over."""
+    """Words of up to eight letters at the beginning of a format's lines; all other lines are skipped."""
 
-    of_numbers: tuple[bytes, ...]  # numbers follow on the line
-    others: tuple[bytes, ...] = ()  # what follows on the line is passed over
-    with_slashes: bytes = b""  # one of the first: what follows a slash in its numbers, 7/1/3, is passed over
-    lower_case: bool = False  # the words are given in lower case, and met in any
+    of_numbers: tuple[bytes, ...]  # words before numbers
+    others: tuple[bytes, ...] = ()  # words before text that is skipped
+    with_slashes: bytes = b""  # a word before numbers such as 7/1/3, of which only the part before a slash is read
+    lower_case: bool = False  # True: the words are given in lower case and match any case
 
     def kind(self, word: bytes) -> int:
-        """Return the number that stands for a word in `Lines.kinds`, from 1 on; 0 for none."""
+        """Return the number of a word in `Lines.kinds`, from 1 on; 0 for the empty word."""
         return (b"", *self.of_numbers, *self.others).index(word)
 
 
 NO_KEYWORDS = Keywords(())
-"""Every line is of numbers."""
+"""Keywords of a format whose lines are all numbers."""
 
 
 def check_text(data: bytes) -> None:
-    """Raise MeshError for NUL bytes: that is no text, or none of an 8-bit encoding."""
+    """Raise MeshError for NUL bytes, which no text in an 8-bit encoding contains."""
     if b"\0" in data:
-        raise MeshError("it must be a text file; it holds NUL bytes. Is it binary, UTF-16 or damaged?")
+        raise MeshError("it must be a text file; it has NUL bytes. Is it binary, UTF-16 or damaged?")
 
 
 def unix_lines(data: bytes) -> bytes:
-    """Return a text with one kind of line ends."""
+    """Return a text with the line ends of Unix."""
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
 class Lines:
-    """The lines of a text that hold numbers, and the numbers.
+    """The lines of a text that contain numbers or a keyword, and the numbers.
 
     Attributes
     ----------
     counts : (l,) int64
-        Numbers of each line. Lines without are left out, but for those of keywords.
+        Count of numbers in each line.
     first : (l,) int64
-        Which number of the whole text the line begins with.
+        Index of the line's first number among those of the text.
     kinds : (l,) uint8
-        The keyword (`Keywords.kind`); 0 without any.
+        Keyword of the line (`Keywords.kind`); 0 without one.
     """
 
     def __init__(self, text: bytes, start: int = 0, *, comment: bytes = b"", keywords: Keywords = NO_KEYWORDS) -> None:
@@ -93,9 +93,9 @@ class Lines:
         self._with_slashes = keywords.kind(keywords.with_slashes) or -1
         roles = _ROLES.copy()
         roles[list(comment)] = _COMMENT
-        most = (len(text) - start) // 2 + 2  # pages that are not written to take no memory
+        most = (len(text) - start) // 2 + 2  # unused pages take no memory
         values, first = np.empty(most), np.empty(most, dtype=np.int64)
-        found = _Found(
+        found = _ScanBuffers(
             values, values.view(np.uint64), np.empty((most, 3), dtype=np.int64), np.empty(most, dtype=np.uint8), first
         )
         n_numbers, n_unread, n_lines = _scan(
@@ -118,14 +118,18 @@ class Lines:
 
     @property
     def n_numbers(self) -> int:
-        """Numbers, and whatever else stands in their places, in the whole text."""
+        """Count of tokens in the text, numbers or not."""
         return len(self._values)
 
     def numbers(self, n_lines: int | None = None, *, kind: int | None = None) -> FloatArray:
-        """Return the numbers of the first `n_lines` lines (of all of them by default) as float64, in one flat array.
+        """Return the numbers of the first `n_lines` lines (default: all) as float64, in one flat array.
 
-        With `kind`, a keyword's, the numbers of other lines are in the array too, but need not be right yet. Raises
-        MeshError that quotes what is not a number.
+        With `kind`, only the numbers of lines with that keyword are valid; the array contains those of all lines.
+
+        Raises
+        ------
+        MeshError
+            A token is no number; the message quotes it.
         """
         end = self.n_numbers if n_lines is None or n_lines == len(self) else int(self.first[n_lines])
         for index, begin, stop in self._unread[self._unread[:, 0] < end].tolist():
@@ -137,25 +141,25 @@ class Lines:
 
 
 def _number(token: bytes) -> float:
-    """Read what the kernel left: very long, very small and very large numbers, infinity, NaN."""
+    """Return a number that the kernel left: very long, very small or very large, infinite, or NaN."""
     if not _NUMBER.fullmatch(token):
-        raise MeshError(f"it must hold numbers here; it holds {token[:40].decode('latin-1')!r}. Is it damaged?")
+        raise MeshError(f"it must have numbers here; it has {token[:40].decode('latin-1')!r}. Is it damaged?")
     return float(token.partition(b"(")[0])
 
 
-class _Found(NamedTuple):
-    """What `_scan` finds: m numbers, u tokens that it did not read, l lines."""
+class _ScanBuffers(NamedTuple):
+    """The output of `_scan`: m numbers, u tokens that it did not read, l lines."""
 
     values: FloatArray  # (>= m,)
-    bits: NDArray[np.uint64]  # the same memory
-    unread: NDArray[np.int64]  # (>= u, 3): which number, its first byte, the byte after its last
+    bits: NDArray[np.uint64]  # the memory of `values`
+    unread: NDArray[np.int64]  # (>= u, 3): index among the numbers, first byte, end
     kinds: NDArray[np.uint8]  # (>= l,)
-    first: NDArray[np.int64]  # (>= l + 1,): the number that each line begins with; the last is m
+    first: NDArray[np.int64]  # (>= l + 1,): index of each line's first number; the last is m
 
 
 @njit(inline="always")
 def _product(a, b):
-    """The 128 bits of a product of two uint64: (high, low)."""
+    """Return the 128 bits (high, low) of the product of two uint64."""
     a_low, a_high, b_low, b_high = a & _LOW, a >> np.uint64(32), b & _LOW, b >> np.uint64(32)
     low, cross, other = a_low * b_low, a_high * b_low, a_low * b_high
     middle = (low >> np.uint64(32)) + (cross & _LOW) + other
@@ -167,21 +171,24 @@ def _product(a, b):
 def _nearest_double(digits, exponent):
     """Return the bits of ``digits * 10**exponent`` as the nearest float64, ties to even, and whether they are certain.
 
-    They are not where the product of 128 bits does not decide, for subnormal and for infinite numbers. D. Lemire,
-    "Number parsing at a gigabyte per second", Software: Practice and Experience 51 (2021), section 5.
+    They are uncertain where 128 bits of the product do not decide, and for subnormal and infinite numbers.
+
+    References
+    ----------
+    D. Lemire, "Number parsing at a gigabyte per second", Software: Practice and Experience 51 (2021), section 5.
     """
     if digits == _ZERO:
         return _ZERO, True
     if exponent < _SMALLEST or exponent > _LARGEST:
         return _ZERO, False
     shift = 0
-    for step in (32, 16, 8, 4, 2, 1):  # to a highest bit of 1
+    for step in (32, 16, 8, 4, 2, 1):  # until the highest bit is 1
         if digits >> np.uint64(64 - step) == _ZERO:
             digits <<= np.uint64(step)
             shift += step
     row = exponent - _SMALLEST
     high, low = _product(digits, _POWERS[row, 0])
-    if high & np.uint64(0x1FF) == np.uint64(0x1FF):  # what is below might carry
+    if high & np.uint64(0x1FF) == np.uint64(0x1FF):  # the lower bits may carry
         more, _ = _product(digits, _POWERS[row, 1])
         low += more
         if low < more:
@@ -195,7 +202,7 @@ def _nearest_double(digits, exponent):
     if power <= 0:
         return _ZERO, False
     if low <= _ONE and -4 <= exponent <= 23 and mantissa & np.uint64(3) == _ONE and mantissa << right == high:
-        mantissa &= ~_ONE  # exactly half way: to even
+        mantissa &= ~_ONE  # a tie: round to even
     mantissa = (mantissa + (mantissa & _ONE)) >> _ONE
     if mantissa >> np.uint64(53) != _ZERO:
         mantissa >>= _ONE
@@ -206,11 +213,26 @@ def _nearest_double(digits, exponent):
 
 
 @njit(forceinline=True)
-def _read_decimal(text, i, bits, values, place):
-    """Read the number of a token at byte i into `values` (and `bits`, the same memory); return where it ends.
+def _read_exponent(text, i):
+    """Read the exponent after the "e" at byte i; return its end, its value, and whether it has digits."""
+    n = len(text)
+    i += 1
+    is_small = i < n and text[i] == 45
+    if is_small or (i < n and text[i] == 43):
+        i += 1
+    begin, written = i, 0
+    while i < n and np.uint8(text[i] - 48) < 10:
+        if written < 100_000:
+            written = 10 * written + text[i] - 48
+        i += 1
+    return i, -written if is_small else written, i > begin
 
-    And whether it was read: not where it is no decimal number, has more than 19 digits, or cannot be rounded here with
-    certainty.
+
+@njit(forceinline=True)
+def _read_decimal(text, i, bits, values, index):
+    """Read the number at byte i into `values[index]` (or `bits`, the same memory); return its end, and if it was read.
+
+    It is not read where the token is no decimal number, has more than 19 digits, or cannot be rounded with certainty.
     """
     n = len(text)
     negative = text[i] == 45
@@ -230,7 +252,7 @@ def _read_decimal(text, i, bits, values, place):
             i += 1
         exponent = point - i
         n_digits += i - point
-    if n_digits > _DIGITS:  # it may be that they begin with zeros
+    if n_digits > _DIGITS:  # leading zeros do not count
         while begin < i and (text[begin] == 48 or text[begin] == 46):
             n_digits -= text[begin] == 48
             begin += 1
@@ -239,31 +261,47 @@ def _read_decimal(text, i, bits, values, place):
     elif n_digits == 0:
         return i, False
     if i < n and (text[i] == 101 or text[i] == 69):
-        i += 1
-        is_small = i < n and text[i] == 45
-        if is_small or (i < n and text[i] == 43):
-            i += 1
-        begin, written = i, 0
-        while i < n and np.uint8(text[i] - 48) < 10:
-            if written < 100_000:
-                written = 10 * written + text[i] - 48
-            i += 1
-        if i == begin:
+        i, written, has_digits = _read_exponent(text, i)
+        if not has_digits:
             return i, False
-        exponent += -written if is_small else written
+        exponent += written
     if digits >> np.uint64(53) == _ZERO and -22 <= exponent <= 22:  # one operation on exact numbers rounds once
         value = np.float64(digits)
         value = value / _EXACT[-exponent] if exponent < 0 else value * _EXACT[exponent]
-        values[place] = -value if negative else value
+        values[index] = -value if negative else value
         return i, True
     magnitude, is_certain = _nearest_double(digits, exponent)
-    bits[place] = magnitude | (np.uint64(negative) << np.uint64(63))
+    bits[index] = magnitude | (np.uint64(negative) << np.uint64(63))
     return i, is_certain
+
+
+@njit(forceinline=True)
+def _read_keyword(text, i, roles, words, n_of_numbers, fold):
+    """Read the first word of a line at byte i; return the end of what is skipped, and its kind, 0 for no keyword.
+
+    The whole line is skipped unless numbers follow the keyword.
+    """
+    n, kind, word = len(text), 0, np.uint64(0)
+    while i < n and (text[i] == 32 or text[i] == 9):
+        i += 1
+    begin = i
+    while i < n and i < begin + 8 and text[i] > 32:
+        word = (word << np.uint64(8)) | np.uint64(text[i] | fold)
+        i += 1
+    for number in range(len(words)):
+        if word == words[number]:
+            kind = number + 1
+    if i < n and text[i] != 32 and text[i] != 9 and not (kind > n_of_numbers and roles[text[i]] == _LINE_END):
+        kind = 0
+    if kind == 0 or kind > n_of_numbers:
+        while i < n and roles[text[i]] != _LINE_END:
+            i += 1
+    return i, kind
 
 
 @njit(cache=True, nogil=True)
 def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
-    """Find the lines and read their numbers; return how many numbers, unread tokens and lines there are."""
+    """Find the lines and read their numbers; return the counts of numbers, unread tokens and lines."""
     values, bits, unread, kinds, first = found
     n = len(text)
     n_numbers, n_unread, n_lines = np.int64(0), 0, 0  # with a literal 0, _read_decimal would be compiled for it too
@@ -271,21 +309,7 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
     while i < n:
         kind = 0
         if len(words) != 0:
-            while i < n and (text[i] == 32 or text[i] == 9):
-                i += 1
-            word = np.uint64(0)
-            begin = i
-            while i < n and i < begin + 8 and text[i] > 32:
-                word = (word << np.uint64(8)) | np.uint64(text[i] | fold)
-                i += 1
-            for number in range(len(words)):
-                if word == words[number]:
-                    kind = number + 1
-            if i < n and text[i] != 32 and text[i] != 9 and not (kind > n_of_numbers and roles[text[i]] == _LINE_END):
-                kind = 0
-            if kind == 0 or kind > n_of_numbers:
-                while i < n and roles[text[i]] != _LINE_END:
-                    i += 1
+            i, kind = _read_keyword(text, i, roles, words, n_of_numbers, fold)
         begin = n_numbers
         while i < n:
             role = roles[text[i]]
@@ -318,12 +342,12 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
 
 
 def as_doubles(values: NDArray[np.generic]) -> FloatArray:
-    """Convert to float64, without NumPy's warning about signalling NaN: what is not finite is judged later."""
+    """Return values as float64, without NumPy's warning about signalling NaN; readers check finiteness later."""
     with np.errstate(invalid="ignore"):
         return np.asarray(values, dtype=np.float64)
 
 
 def runs(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the indices of runs laid end to end: ``starts[i], starts[i] + 1, ...``, ``counts[i]`` of each."""
+    """Return the indices of runs, one after the other: ``starts[i], starts[i] + 1, ...``, ``counts[i]`` of each."""
     before = np.cumsum(counts) - counts
     return np.arange(int(counts.sum())) + np.repeat(starts - before, counts)

@@ -1,4 +1,4 @@
-"""Tree: the mesh files of a folder, an archive or a single path, by name; and the small files next to them."""
+"""Tree: the mesh files of a folder, an archive or a single path, by name; and the small files beside them."""
 
 import os
 import re
@@ -12,52 +12,48 @@ from zbuf_occlude.meshes.load import SUFFIXES
 from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members, n_bytes_of
 
 MOST = max(MOST_BYTES.values())
-"""Bytes of a small file next to meshes."""
+"""Maximum bytes of a small file beside meshes."""
 ALL = "*"
-"""Stands for the meshes of a folder that cannot be read."""
+"""File name that stands for the meshes of a folder that cannot be read."""
 _SYNSET = re.compile(r"\d{8}")
-"""ShapeNetCore's archives are called so, one for each class."""
+"""Names of ShapeNetCore's archives, one for each class."""
 _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The mesh files that a person gave by one path.
+    """The mesh files at one path given by a user."""
 
-    The root is absolute, not resolved: the names that count are those that a person sees; an archive's is without its
-    ending. Files are below it.
-    """
-
-    root: PurePosixPath
-    base: Path  # what the files are read below: the folder, or the archive
-    files: tuple[PurePosixPath, ...]
-    single: bool = False  # a file was given and not a folder
-    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)  # where in an archive a folder's are
+    root: PurePosixPath  # absolute, links not resolved; of an archive without its ending
+    base: Path  # folder or archive from which the files are read
+    files: tuple[PurePosixPath, ...]  # relative to the root
+    single: bool = False  # True for a file, False for a folder or archive
+    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)  # folders, and their archives' folders
 
     def path_of(self, file: PurePosixPath) -> Path:
-        """Return where one of the files, or another below root, is read."""
+        """Return the path from which a file below the root is read."""
         for folder in file.parents if self.packed else ():
             if folder in self.packed:
                 return self.base / self.packed[folder] / file.relative_to(folder)
         return self.base / file
 
     def read(self, path: PurePosixPath) -> bytes | None:
-        """Return the content of a small file by its absolute name, None where there is none.
+        """Return the content of a small file by its absolute name; None where there is no such file.
 
         Raises
         ------
         MeshError
-            It is there, and cannot be read or is larger than documents may be.
+            The file cannot be read, or is larger than documents may be.
         """
         inside = path.is_relative_to(self.root)
-        place = self.path_of(path.relative_to(self.root)) if inside else Path(path)
+        own = self.path_of(path.relative_to(self.root)) if inside else Path(path)
         try:
-            size = n_bytes_of(place)
+            size = n_bytes_of(own)
             if size is None:
                 return None
             if size > MOST:
-                raise MeshError(f"it must have at most {MOST:,} bytes; it has {size:,}. Is it the file of that name?")
-            return content_of(place)
+                raise MeshError(f"it must have at most {MOST:,} bytes; it has {size:,}. Is it the right file?")
+            return content_of(own)
         except MeshError as error:
             raise MeshError(f"{escape_control(str(path))}: {error}") from None
 
@@ -66,48 +62,59 @@ class Tree:
         return self.root / file
 
     def parts(self, file: PurePosixPath) -> tuple[str, ...]:
-        """Return the parts of a file's absolute name: of as many files as there are, much cheaper than the name."""
+        """Return the parts of a file's absolute name; much faster than the name."""
         return (*self.root.parts, *file.parts)
 
 
 def tree_at(path: Path) -> Tree:
-    """Find the mesh files at a path; MeshError if it is missing, not readable, of another format, or has no mesh."""
-    absolute = PurePosixPath(Path(os.path.abspath(path)))
-    is_archive = path.suffix.lower() == ARCHIVE and path.is_file()
+    """Return the mesh files at a path.
+
+    Raises
+    ------
+    MeshError
+        The path is missing, cannot be read, has another format, or contains no mesh.
+    """
+    name = escape_control(str(path))
     if os.path.isdir(path):
-        found = tuple(map(PurePosixPath, _walk(str(path))))
-        zips = [file for file in found if file.suffix.lower() == ARCHIVE]
-        files = tuple(file for file in found if file.suffix.lower() != ARCHIVE)
-        tree = Tree(absolute, path, files)
-        if files:  # of class folders some may still be packed; other archives beside meshes are none of them
-            zips = [zip for zip in zips if _SYNSET.fullmatch(zip.stem)]
-        tree = _with_archives(tree, [zip for zip in zips if not (path / zip.with_suffix("")).exists()])
-        files = tree.files
-    elif is_archive:
-        files = tuple(sorted(name for name in members(path) if _is_mesh(name.parts)))
-        tree = Tree(absolute.with_suffix(""), path, files)
-        wrapper = tree.root.name  # as programs pack a folder
-        if files and all(len(file.parts) > 1 and file.parts[0] == wrapper for file in files):
-            tree = Tree(tree.root / wrapper, path / wrapper, tuple(PurePosixPath(*file.parts[1:]) for file in files))
+        tree, what = _folder_tree(path), "a folder"
+    elif path.suffix.lower() == ARCHIVE and path.is_file():
+        tree, what = _archive_tree(path), "an archive"
     elif not os.path.exists(path) and archive_of(path) is None:
-        raise MeshError(f"{escape_control(str(path))}: there is no such file or folder. Check the path.")
+        raise MeshError(f"{name}: there is no such file or folder. Check the path.")
     elif path.suffix.lower() not in SUFFIXES:
-        raise MeshError(
-            f"{escape_control(str(path))}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. "
-            "Convert it."
-        )
+        raise MeshError(f"{name}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it.")
     else:
-        return Tree(absolute.parent, path.parent, (PurePosixPath(path.name),), single=True)
-    if not files:
-        what = "an archive" if is_archive else "a folder"
-        raise MeshError(
-            f"{escape_control(str(path))}: {what} must have meshes in it ({', '.join(SUFFIXES)}); it has none."
-        )
+        return Tree(_absolute(path).parent, path.parent, (PurePosixPath(path.name),), single=True)
+    if not tree.files:
+        raise MeshError(f"{name}: {what} must have meshes in it ({', '.join(SUFFIXES)}); it has none.")
     return tree
 
 
+def _absolute(path: Path) -> PurePosixPath:
+    return PurePosixPath(Path(os.path.abspath(path)))
+
+
+def _folder_tree(path: Path) -> Tree:
+    found = tuple(map(PurePosixPath, _walk(str(path))))
+    zips = [file for file in found if file.suffix.lower() == ARCHIVE]
+    files = tuple(file for file in found if file.suffix.lower() != ARCHIVE)
+    if files:  # some class folders may still be packed; other archives beside meshes are not read
+        zips = [zip for zip in zips if _SYNSET.fullmatch(zip.stem)]
+    unread = [zip for zip in zips if not (path / zip.with_suffix("")).exists()]
+    return _with_archives(Tree(_absolute(path), path, files), unread)
+
+
+def _archive_tree(path: Path) -> Tree:
+    files = tuple(sorted(name for name in members(path) if _is_mesh(name.parts)))
+    root = _absolute(path).with_suffix("")
+    wrapper = root.name  # many programs pack the folder itself
+    if files and all(len(file.parts) > 1 and file.parts[0] == wrapper for file in files):
+        return Tree(root / wrapper, path / wrapper, tuple(PurePosixPath(*file.parts[1:]) for file in files))
+    return Tree(root, path, files)
+
+
 def _with_archives(tree: Tree, zips: Sequence[PurePosixPath]) -> Tree:
-    """Return a folder's tree with what archives in it hold, each as if it were unpacked there."""
+    """Return a folder's tree with the meshes of its archives, each as if it were unpacked there."""
     files, packed = list(tree.files), {}
     for zip in zips:
         folder = zip.with_suffix("")
@@ -122,15 +129,15 @@ def _with_archives(tree: Tree, zips: Sequence[PurePosixPath]) -> Tree:
 
 
 def check_readable(folder: Path) -> None:
-    """Raise MeshError that says why a folder cannot be read."""
+    """Raise MeshError with the cause if a folder cannot be read."""
     try:
         os.scandir(folder).close()
     except OSError as error:
-        raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
+        raise MeshError(f"{folder}: cannot read the folder: {error.strerror}.") from None
 
 
 def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterator[str]:
-    """Mesh files and archives below a folder; links are followed, but not back to a folder that they lie in."""
+    """Yield the mesh files and archives below a folder; links are followed, except to a folder that contains them."""
     real = os.path.realpath(folder)
     if real in above:
         return
@@ -144,7 +151,7 @@ def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterato
     for item in items:
         if _is_hidden(item.name):
             continue
-        # a link to itself is none; of what is no link the folder's own list says what it is
+        # os.path.isdir is False for a link to itself; item.is_dir needs no further system call
         if os.path.isdir(item.path) if item.is_symlink() else item.is_dir():
             yield from _walk(item.path, f"{prefix}{item.name}/", (*above, real))
         elif _is_mesh((item.name,)) or item.name.lower().endswith(ARCHIVE):

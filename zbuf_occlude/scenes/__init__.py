@@ -1,8 +1,8 @@
-"""Scenes: meshes in their places, and what is put around a target: ground, street, room, or a file's.
+"""Scenes: placed meshes, and the surroundings of a target: ground, street, room, or a file's objects.
 
-Placed(mesh, "car", moved(to=(12, 0, 0)))     a mesh in its place
-Scene.joined([...])                           many, as one mesh; whose face is whose
-KINDS                                         the table of scenes drawn from a seed
+Placed(mesh, "car", moved(to=(12, 0, 0)))     a mesh and its pose
+Scene.joined([...])                           many, as one mesh, with the object of each face
+KINDS                                         the kinds of scenes drawn from a seed
 """
 
 from zbuf_occlude.scenes.kinds import KINDS

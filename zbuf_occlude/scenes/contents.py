@@ -1,4 +1,4 @@
-"""What scenes are filled with: the meshes of a user's JSON in their places, or objects of a collection; in metres."""
+"""Objects of scenes, in metres: those of a JSON file with their poses, or objects of a collection."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
-from zbuf_occlude.scenes.sizes import LEAST, MOST, SIZES, Sizes, plain, size_beside
+from zbuf_occlude.scenes.sizes import LEAST, MOST, SIZES, Sizes, normalize_label, size_beside
 from zbuf_occlude.shapes import ROAD_USERS, make, road_user
 
 FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
@@ -29,11 +29,11 @@ NUMBERS = {
 KNOWN = ("mesh", "class", "up", *NUMBERS)
 
 MOST_OBJECTS = 24
-"""Of a collection this many are taken, so that a worker loads each once."""
+"""Maximum objects of a collection in a pool: a worker loads each once."""
 MOST_FACES = 30_000
-"""Of one of them."""
+"""Maximum faces of an object in a pool."""
 MOST_METRES = {"street": 7.0, "room": 2.2}
-"""Longer ones do not go into these scenes."""
+"""Maximum longest side of an object in a scene's pool."""
 BELONGING = {
     "street": (
         *("bicycle", "bus", "car", "motorbike", "motorcycle", "pedestrian", "person", "tractor", "trailer", "truck"),
@@ -46,12 +46,12 @@ BELONGING = {
         *("wardrobe", "washer"),
     ),
 }
-"""Classes of a collection that scenes are filled with: road users, furniture."""
+"""Classes of a collection that fit into a scene: road users, furniture."""
 BUILT_IN = {
     "street": {"car": 4, "pedestrian": 1, "bicycle": 1, "motorcycle": 1},
     "room": {"bed": 1, "bookshelf": 2, "chair": 3, "lamp": 2, "table": 2},
 }
-"""Built-in objects, so many of each class that the collection lacks."""
+"""Number of built-in objects of each class that the collection lacks."""
 
 
 def read_scene(path: Path) -> list[dict[str, Any]]:
@@ -61,19 +61,19 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     ----------
     path : Path
         ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
-        with albedo, velocity and turn as `Placed` has them; all but mesh and position may be left out, and the mesh
-        where the class is a built-in road user's. Positions are metres from the middle of the target's foot; of the
-        object it is the middle of the foot too. Files are found from the JSON's folder.
+        also with albedo, velocity and turn as of `Placed`. Only mesh and position are required; an object whose class
+        is a built-in road user needs no mesh. A position is that of the centre of the object's base, metres from the
+        centre of the target's base. Paths are relative to the JSON's folder.
 
     Returns
     -------
     list of dict
-        Plain data, the paths absolute: what a plan keeps.
+        Plain data with absolute paths, as a plan stores it.
 
     Raises
     ------
     OptionError
-        Not readable, or not what it should be; the message says what.
+        The file cannot be read, or is no scene; the message says what is wrong.
     """
     document, where = parse_document("JSON", read_limited(path), path), escape_control(str(path))
     objects = document.get("objects") if isinstance(document, dict) else None
@@ -92,12 +92,12 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     builtin = isinstance(given, dict) and "mesh" not in given and str(given.get("class")) in ROAD_USERS
     if isinstance(given, dict) and "mesh" not in given and not builtin and "class" in given:
         raise OptionError(
-            f"an object must have a mesh; no mesh is needed of a {', '.join(ROAD_USERS)}, in small letters; got the "
+            f"an object must have a mesh, unless its class is {', '.join(ROAD_USERS)} (in small letters); got the "
             f"class {given['class']!r:.40}. Give a mesh."
         )
     if not isinstance(given, dict) or "position" not in given or not (builtin or "mesh" in given):
         raise OptionError(
-            f"a scene must be {FORM}; this has no mesh or position. No mesh is needed of a {', '.join(ROAD_USERS)}."
+            f"a scene must be {FORM}; it has no mesh or position. Only a {', '.join(ROAD_USERS)} needs no mesh."
         )
     for name in given:
         check_choice("a key of an object", name, KNOWN)
@@ -110,14 +110,17 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
         return found
     mesh = str((folder / found["mesh"]).absolute())
     if not os.path.isfile(mesh):
-        raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
+        raise OptionError(f"mesh must name a file; {mesh!r} does not exist.")
     return {**found, "mesh": mesh}
 
 
 def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[str, Any]]:
-    """Return a scene's objects with the SHA-256 of what each mesh is made of, with its `colors` or without.
+    """Return a scene's objects with the SHA-256 of each mesh's files, with or without those of its `colors`.
 
-    MeshError where a mesh cannot be used.
+    Raises
+    ------
+    MeshError
+        A mesh cannot be used.
     """
     return [
         {**each, "sha256": load_mesh(each["mesh"], up=each.get("up"), colors=colors).origin.sha256}
@@ -130,14 +133,14 @@ def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[
 def placed_of(
     objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
 ) -> list[Placed]:
-    """Load a scene's meshes and put them in their places; `transparent` is as of a `ScanConfig`.
+    """Load and place a scene's meshes; `transparent` is as of a `ScanConfig`.
 
     Raises
     ------
     MeshError
         A file cannot be used.
     DatasetError
-        A mesh is not what its checksum says (`with_checksums`).
+        A mesh differs from its checksum (`with_checksums`).
     """
     placed = []
     for given in objects:
@@ -146,8 +149,8 @@ def placed_of(
             loaded = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent))
             if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
                 raise DatasetError(
-                    f"{given['mesh']} must be what the scene was made with, sha256 {given['sha256'][:12]}...; it is "
-                    f"{loaded.origin.sha256[:12]}... Put it back, or make all clouds again with --overwrite."
+                    f"{given['mesh']} changed since the scene was read (sha256 {given['sha256'][:12]}..., now "
+                    f"{loaded.origin.sha256[:12]}...). Restore it, or generate all clouds again with --overwrite."
                 )
             mesh = loaded.transparent(transparent or {})
         else:
@@ -155,24 +158,24 @@ def placed_of(
         size = given.get("size", mesh.longest_side)
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
-        drive = {name: given[name] for name in ("velocity", "turn") if name in given}
-        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo"), **drive))
+        motion = {name: given[name] for name in ("velocity", "turn") if name in given}
+        placed.append(Placed(on_ground(mesh, size), label, pose, given.get("albedo"), **motion))
     return placed
 
 
-def standing(mesh: Mesh, size: float) -> Mesh:
-    """Return a mesh scaled to `size` metres, the middle of its foot at the origin."""
+def on_ground(mesh: Mesh, size: float) -> Mesh:
+    """Return a mesh scaled to `size` metres, with the centre of its base at the origin."""
     low, centre = mesh.bounds[0], mesh.centre
     return mesh.transformed(1.0, (-centre[0], -centre[1], -low[2])).transformed(size / mesh.longest_side)
 
 
 def surroundings(entries: Sequence[MeshEntry], scene: str) -> list[MeshEntry]:
-    """Return what a scene is filled with: built-in objects, and those of a collection that belong there.
+    """Return the objects for a kind of scene: those of a collection that fit, and built-in ones for missing classes.
 
-    `scene` is a name of `zbuf_occlude.scenes.kinds.KINDS`; there is nothing in one that is not filled.
+    `scene` is a name of `zbuf_occlude.scenes.kinds.KINDS`. The list is empty for a scene without such objects.
     """
-    fitting = [entry for entry in entries if plain(entry.label) in BELONGING.get(scene, ())]
-    labels = {plain(entry.label) for entry in fitting}
+    fitting = [entry for entry in entries if normalize_label(entry.label) in BELONGING.get(scene, ())]
+    labels = {normalize_label(entry.label) for entry in fitting}
     return fitting + [
         MeshEntry(f"built-in/{label}/{number}", label, "train", partial(_built_in, label, number))
         for label, count in BUILT_IN.get(scene, {}).items()
@@ -183,22 +186,23 @@ def surroundings(entries: Sequence[MeshEntry], scene: str) -> list[MeshEntry]:
 
 def _built_in(label: str, number: int) -> Mesh:
     """Return a road user or a member of a family, in metres."""
-    return road_user(label) if label in ROAD_USERS else standing(make(label, number), SIZES[label])
+    return road_user(label) if label in ROAD_USERS else on_ground(make(label, number), SIZES[label])
 
 
 class Pool:
-    """Some objects of a collection, by a number in [0, 1). The same collection and seed give the same.
+    """Random objects of a collection, selected by a number in [0, 1).
 
     Parameters
     ----------
     entries : sequence of MeshEntry
-        Those that cannot be loaded, have no size, or are too long or detailed are passed over; with none left there
-        are built-in ones.
+        Entries that cannot be loaded, have no size, or are too long or detailed are skipped. Built-in objects replace
+        them where none is left.
     sizes : Sizes
-        One number for all classes is the target's; here it counts only for classes without another.
+        As `size_beside` takes them.
     scene : str
         A name of `zbuf_occlude.scenes.kinds.KINDS`.
     seed : SeedSequence
+        The same collection and seed give the same objects.
     transparent : mapping of str to float or None
         As of a `ScanConfig`.
     """
@@ -213,28 +217,28 @@ class Pool:
     ) -> None:
         order = np.random.default_rng(seed).permutation(len(entries))
         self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
-        self._rest = surroundings((), scene)
+        self._built_in = surroundings((), scene)
         self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
-        self._made: dict[str, tuple[Mesh, str] | None] = {}
+        self._loaded: dict[str, tuple[Mesh, str] | None] = {}
 
     def __call__(self, number: float) -> tuple[Mesh, str]:
         """Return an object: a mesh that stands on z = 0, in metres, and its class."""
-        for entries in (self._entries, self._rest):
+        for entries in (self._entries, self._built_in):
             n = len(entries)
             for i in range(n):
                 if (found := self._object(entries[(int(number * n) + i) % n])) is not None:
                     return found
-        raise OptionError("a scene that is filled must have objects for it; there are none. Give some surroundings.")
+        raise OptionError("The scene has no objects to be filled with. Give some surroundings.")
 
     def _object(self, entry: MeshEntry) -> tuple[Mesh, str] | None:
         key = entry.key
-        if key not in self._made:
-            self._made[key] = None
+        if key not in self._loaded:
+            self._loaded[key] = None
             try:
                 mesh = entry.load().transparent(self._transparent)
                 size = size_beside(entry.label, self._sizes, mesh.longest_side)
             except (MeshError, OptionError):
                 return None
             if mesh.longest_side > 0 and len(mesh.faces) <= MOST_FACES and size <= self._most:
-                self._made[key] = standing(mesh, size), entry.label
-        return self._made[key]
+                self._loaded[key] = on_ground(mesh, size), entry.label
+        return self._loaded[key]

@@ -1,4 +1,4 @@
-"""A scene: meshes in their places, joined into one mesh that the engines know already, and whose face is whose."""
+"""A scene: placed meshes, joined into one mesh, and the object of each face."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,31 +22,31 @@ from zbuf_occlude.errors import ArgumentError, shown
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 
 ALBEDOS = (0.05, 0.8)
-"""Drawn for each object, for paint and clothes are not in a mesh: from dark to light paint at the 905 nm of LiDARs,
-assumed; between them every factor is as likely."""
-TYPICAL = 0.2
-"""The middle of them, of objects of which nothing is drawn."""
+"""Range of the albedos drawn for objects (their logarithms are uniform): dark to light paint at the 905 nm of LiDARs,
+assumed. A mesh has no paint or clothes of its own."""
+TYPICAL_ALBEDO = 0.2
+"""Albedo of objects for which none is drawn: the geometric mean of `ALBEDOS`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A mesh in its place.
+    """A mesh with its pose in a scene.
 
     Parameters
     ----------
     mesh : Mesh
     label : str
-        What it is: a class, "ground", "pole"...
+        Class of the object, or "ground", "pole"...
     pose : (4, 4) float
-        The mesh's space to the world, metres; column vectors. May scale. The identity by default.
+        Transform from the mesh's space to the world, metres; column vectors. It may scale. Default: the identity.
     albedo : float, optional
-        Share of light that it sends back. None: it is not known, and the scene has one drawn (`Scene.joined`).
+        Share of light that the surface reflects. None: unknown, and `Scene.joined` may draw one.
     velocity : (3,) float
-        Metres a second along the world's axes at time 0, when it is at its pose; the velocity turns with the object.
+        Metres per second along the world's axes at time 0, when the object is at its pose; it turns with the object.
     turn : float
-        Degrees a second about the vertical line through the origin of its pose, positive to the left.
+        Yaw rate, degrees per second about the vertical line through the origin of the pose; positive to the left.
     is_background : bool
-        Whether it is what a drawn scene stands on and in: ground, room, wall, pole. Boxes and models leave it out.
+        True for the surroundings of a drawn scene: ground, room, wall, pole. They have no boxes and models.
     """
 
     mesh: Mesh
@@ -74,44 +74,43 @@ class Placed:
 
     @property
     def moves(self) -> bool:
-        """Whether it is elsewhere later."""
+        """True where the object has a velocity or a yaw rate."""
         return bool(np.any(self.velocity) or self.turn)
 
     @cached_property
     def vertices(self) -> FloatArray:
-        """World space, (v, 3)."""
+        """Vertices of the mesh, world space, (v, 3)."""
         return np.asarray(self.mesh.vertices @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
     def centre(self) -> FloatArray:
-        """Of a ball that the mesh lies in, world space, (3,)."""
+        """Centre of a ball that contains the mesh, world space, (3,)."""
         return np.asarray(self.pose[:3, :3] @ self.mesh.centre + self.pose[:3, 3])
 
     @cached_property
     def radius(self) -> float:
-        """Of that ball."""
+        """Radius of a ball about `centre` that contains the mesh, metres."""
         return self.mesh.diagonal / 2.0 * float(np.linalg.norm(self.pose[:3, :3], ord=2)) * (1.0 + 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Meshes in their places as one mesh. Immutable.
+    """Placed meshes as one mesh. Immutable.
 
     Parameters
     ----------
     mesh : Mesh
-        World space, metres, z up.
+        World space, metres, z up; moving objects are at their pose at time 0.
     instances : (f,) int
-        For each face the number of the object that it is of; 0 is the target.
+        Number of each face's object; 0 is the target.
     labels : tuple of str
-        What each object is.
+        Label of each object.
     albedos : (o,) float
-        Of each object.
+        Albedo of each object.
     placed : tuple of Placed, optional
-        Each object by itself, where that is known; in `mesh` those that move are where they are at time 0.
+        The objects, where they are known.
     transmittance : (f,) float, optional
-        Share of the light that each face lets pass, as the colours of its mesh say (`SurfaceColors.transmittance`);
-        none by default.
+        Share of the light that each face lets pass (`SurfaceColors.transmittance`). Default: 0.
 
     Examples
     --------
@@ -146,31 +145,32 @@ class Scene:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
 
     @classmethod
-    def of(cls, mesh: MeshLike, label: str = "object") -> "Scene":
-        """Return a mesh alone, or anything that is one (`as_mesh`), as it stands, in metres.
+    def from_mesh(cls, mesh: MeshLike, label: str = "object") -> "Scene":
+        """Return the scene of a single mesh, in metres, or of anything that is a mesh (`as_mesh`).
 
         Raises
         ------
         ArgumentError, MeshError
-            As `as_mesh`; a label that is no word.
+            As `as_mesh`; a label that is no text.
         """
         mesh = as_mesh(mesh)
         _check_label(label)
-        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), (), _transmittance([mesh]))
+        instances, albedos = np.zeros(len(mesh.faces), np.int32), np.full(1, TYPICAL_ALBEDO)
+        return cls(mesh, instances, (label,), albedos, (), _transmittance([mesh]))
 
     @classmethod
     def joined(
         cls, placed: Sequence[Placed], which: BoolArray | None = None, rng: np.random.Generator | None = None
     ) -> "Scene":
-        """Join meshes in their places.
+        """Return the scene of placed meshes.
 
         Parameters
         ----------
         placed : sequence of Placed
         which : (o,) bool, optional
-            Those to take; object i keeps the number i where others are left out.
+            True for the objects to include. Objects keep their numbers.
         rng : Generator, optional
-            Draws albedos of the objects that have none (`draw_albedos`); without it theirs is `TYPICAL`.
+            Source of the albedos of objects without one (`draw_albedos`). Default: `TYPICAL_ALBEDO`.
 
         Raises
         ------
@@ -187,7 +187,7 @@ class Scene:
             "scene",
         )
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
-        drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
+        drawn = np.full(len(placed), TYPICAL_ALBEDO) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
         transmittance = _transmittance([placed[i].mesh for i in taken])
         return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), transmittance)
@@ -199,7 +199,7 @@ class Scene:
 
     @property
     def is_opaque_and_static(self) -> bool:
-        """Whether nothing moves or lets light pass."""
+        """True where nothing moves or lets light pass."""
         return not self.moving and self.transmittance is None
 
 

@@ -1,4 +1,4 @@
-"""How long things are: the longest side of an object of each class, metres, and where that is from."""
+"""Sizes of objects: the longest side of each class, metres, and their source."""
 
 from collections.abc import Mapping
 from numbers import Real
@@ -14,7 +14,7 @@ SIZES: dict[str, float] = {
     "monitor": 0.55, "night_stand": 0.6, "person": 1.75, "piano": 1.5, "plant": 1.0, "radio": 0.3, "range_hood": 0.9,
     "sink": 0.6, "sofa": 2.1, "stairs": 3.0, "stool": 0.65, "table": 1.5, "tent": 2.5, "toilet": 0.75,
     "tv_stand": 1.5, "vase": 0.35, "wardrobe": 2.0, "xbox": 0.3,
-    # what ShapeNetCore calls otherwise, or has besides
+    # other names and classes of ShapeNetCore
     "aeroplane": 18.0, "ashcan": 0.6, "bag": 0.45, "basket": 0.4, "bicycle": 1.8, "birdhouse": 0.3, "bookcase": 1.9,
     "boat": 8.0, "bus": 12.0, "cabinet": 1.2, "camera": 0.15, "can": 0.12, "cap": 0.28, "cellular_telephone": 0.15,
     "clock": 0.35, "cell_phone": 0.15, "computer_keyboard": 0.45, "couch": 2.1, "cyclist": 1.8,
@@ -26,30 +26,29 @@ SIZES: dict[str, float] = {
     "telephone": 0.2, "tower": 30.0, "train": 25.0, "trash_bin": 0.6, "truck": 8.0, "van": 5.2, "vessel": 8.0,
     "washer": 0.85, "watercraft": 8.0,
 }  # fmt: skip
-"""Typical longest sides, assumed from everyday objects: no published collection states its own."""
+"""Typical longest sides of the classes, metres; assumed, as no published collection states its sizes."""
 
 SOURCE = "assumed: typical of everyday objects of the class"
 FILE = "file"
-"""The word for sizes that the files have already, in metres."""
+"""Name of the sizes that the files have already, in metres."""
 
 ALL = "*"
-"""The word for one number for all classes."""
+"""Key of one size for all classes."""
 
 LEAST, MOST = 1e-3, 1e5
-"""Metres that an object may have: from a grain to a mountain range. Ranges are micrometres at best."""
+"""Accepted sizes, metres: from a grain to a mountain range."""
 
 Sizes = Mapping[str, float] | str
-"""Sizes of some classes, which go before `SIZES`; or `FILE`."""
+"""Sizes of some classes, which take precedence over `SIZES`; or `FILE`."""
 
 
 def sizes_of(value: Any) -> Sizes:
-    """Read sizes: as a person types them, ``file``, ``car=4.5,chair=0.9`` or ``4.5`` for all classes; or as Python has
-    them, metres by class or one number.
+    """Return sizes from the text ``file``, ``car=4.5,chair=0.9`` or ``4.5``, from metres by class, or from one number.
 
     Raises
     ------
     OptionError
-        None of these, a class twice, or a size out of range.
+        `value` is none of these; a class is given twice; a size is out of range.
     """
     if isinstance(value, str) and value == FILE:
         return FILE
@@ -76,15 +75,15 @@ def sizes_of(value: Any) -> Sizes:
 
 
 def size_of(label: str, sizes: Sizes, longest_side: float) -> float:
-    """Return the metres of an object's longest side.
+    """Return an object's longest side, metres.
 
     Parameters
     ----------
     label : str
-        Its class.
+        Class of the object.
     sizes : Sizes
     longest_side : float
-        Of its mesh, in the file's unit.
+        Longest side of the mesh, in the file's unit.
 
     Raises
     ------
@@ -93,21 +92,22 @@ def size_of(label: str, sizes: Sizes, longest_side: float) -> float:
     """
     if isinstance(sizes, str):
         return longest_side
-    return _found(label, (sizes, label), (sizes, ALL), (SIZES, plain(label)))
+    return _look_up(label, (sizes, label), (sizes, ALL), (SIZES, normalize_label(label)))
 
 
 def size_beside(label: str, sizes: Sizes, longest_side: float) -> float:
-    """Return the metres of an object that stands beside a target: one number for all classes is the target's.
+    """Return the longest side, metres, of an object that stands beside a target.
 
-    It counts only where nothing is known of the class; else this is as `size_of`.
+    One size for all classes is meant for the target. Here it is the last resort, for a class without any other size.
     """
     if isinstance(sizes, str):
         return longest_side
-    return _found(label, (sizes, label), (SIZES, plain(label)), (sizes, ALL))
+    return _look_up(label, (sizes, label), (SIZES, normalize_label(label)), (sizes, ALL))
 
 
-def _found(label: str, *places: tuple[Mapping[str, float], str]) -> float:
-    for table, name in places:
+def _look_up(label: str, *candidates: tuple[Mapping[str, float], str]) -> float:
+    """Return the size under the first of some keys that its table has."""
+    for table, name in candidates:
         if name in table:
             return table[name]
     raise OptionError(
@@ -116,6 +116,6 @@ def _found(label: str, *places: tuple[Mapping[str, float], str]) -> float:
     )
 
 
-def plain(label: str) -> str:
-    """Return a class's name as tables have it: small letters, words joined by underscores."""
+def normalize_label(label: str) -> str:
+    """Return a class's name in lower case, its words joined by underscores."""
     return label.strip().lower().replace(" ", "_").replace("-", "_")

@@ -1,17 +1,20 @@
-"""Sensors: where their rays go, what they get wrong, and scans of scenes by them.
+"""Sensors: LiDARs and depth cameras, their rays and noise, and scans and frames of scenes.
 
 sensors.SENSORS                          the table, every number with its source
-sensors.make("vlp-32c", columns=1800)    one of them, some numbers changed
-sensors.make("mine.yaml")                a user's own
-sensor.rays()                            directions in the sensor's frame: x forward, y left, z up
+sensors.make("vlp-32c", columns=1800)    one of them, with some numbers changed
+sensors.make("mine.yaml")                a sensor from a file
+sensor.rays()                            rays in the sensor's frame: x forward, y left, z up
 """
 
 from zbuf_occlude.sensors.bop import write_bop
 from zbuf_occlude.sensors.catalog import SENSORS, make
 from zbuf_occlude.sensors.frames import Frame, frames, write_frames
 from zbuf_occlude.sensors.motion import Motion, read_trajectory
-from zbuf_occlude.sensors.scanning import Scan, look_at, scan
-from zbuf_occlude.sensors.sensor import NoiseModel, Rays, Sensor
+from zbuf_occlude.sensors.poses import look_at
+from zbuf_occlude.sensors.rays import Rays
+from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.sensors.scanning import scan
+from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 
 __all__ = [
     "SENSORS",

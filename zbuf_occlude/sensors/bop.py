@@ -1,4 +1,4 @@
-"""A scene's frames as BOP, the benchmark for 6D poses of objects, has them: models, poses, masks without tolerance."""
+"""Frames of scenes in the format of BOP, the benchmark for 6D object poses: models, poses, exact masks."""
 
 import json
 import os
@@ -22,17 +22,19 @@ from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 BACKGROUND = ("ground", "room", "wall")
-"""Labels that by default have no model."""
+"""Labels of the objects that have no model by default."""
 MILLIMETRES = 1000.0
-"""Of a metre: BOP's models and translations are millimetres."""
+"""Millimetres per metre: BOP's models and translations are in millimetres."""
 NO_BOX = [-1, -1, -1, -1]
+"""Bounding box of an object without a visible pixel."""
 PER_BLOCK = 512
+"""Vertices whose distances from all others are computed at once."""
 ROUNDING = 1e-9
-"""Of a model's diagonal."""
+"""Tolerance of the positions of equal models, over the model's diagonal."""
 LONGEST_NAME = 60
-"""Characters of the name of a split; a file system takes 255 bytes."""
+"""Maximum characters of a split's name; a file system takes 255 bytes."""
 RIGID = 1e-6
-"""Of a rotation's entries: that of single precision counts."""
+"""Tolerance of a rotation matrix, that of single precision."""
 
 
 def write_bop(
@@ -48,16 +50,16 @@ def write_bop(
     method: str = "exact",
     **options: Any,
 ) -> list[str]:
-    """Write the pictures of scenes and whose each pixel is, as loaders of BOP (BOP-scenewise) expect them.
+    """Write images, depths, masks and poses of scenes in the format of BOP (BOP-scenewise).
 
     ==============================  ===================================================================================
-    models/obj_000001.ply           the first object: millimetres, the middle of its box at the origin
+    models/obj_000001.ply           the first object: millimetres, the centre of its box at the origin
     models/models_info.json         diameter, corner and sides of each model's box
-    camera.json                     the first picture's camera
-    SPLIT/000000/rgb/000000.png     of the first scene and view: base colours, or grey lit from the camera
-    .../depth/000000.png            16 bits: depth along the axis over ``depth_scale``, millimetres; 0 where nothing is
-    .../mask/000000_000001.png      255 where the scene's second object would be met if it were alone
-    .../mask_visib/...              255 where it is met
+    camera.json                     the camera of the first image
+    SPLIT/000000/rgb/000000.png     first scene, first view: base colours, or grey lit from the camera
+    .../depth/000000.png            16 bits: depth along the axis over ``depth_scale``, millimetres; 0: no hit
+    .../mask/000000_000001.png      255 where the scene's second object would be hit if it were alone
+    .../mask_visib/...              255 where it is hit
     .../scene_camera.json           K, R, t (world to camera) and ``depth_scale`` of each view
     .../scene_gt.json               ``obj_id`` and the pose, model to camera, of each object
     .../scene_gt_info.json          pixels and boxes of the masks, ``visib_fract``
@@ -66,23 +68,23 @@ def write_bop(
     Parameters
     ----------
     folder : path-like
-        Made when missing. It must have no models, camera.json and split yet: models are counted anew.
+        Created where it is missing. It must not contain models, camera.json or the split.
     scenes : Scene or sequence of Scene
-        Metres. ``obj_id`` counts the models from 1 through all scenes. Objects that are the same mesh, turned and
-        moved (`Scene.joined`), share one.
+        Metres. ``obj_id`` numbers the models from 1 through all scenes. Objects that are the same mesh in other poses
+        (`Scene.joined`) share one model.
     views : Views or sequence of Views
         World units. One for all scenes, or one for each.
     width, height, fov
         As in `frames`.
     background : str or collection of str
-        Labels of what hides others and has no model, pose or mask: by default ground, room and walls. So has what is
-        `Placed.is_background`.
+        Labels of objects that hide others but have no model, pose or mask. Objects with `Placed.is_background` have
+        none either.
     split : str
         Name of the folder of scenes.
     method : str
-        Who casts the rays. Those of ``exact`` have no error.
+        Ray caster. The masks of ``exact`` have no error.
     **options
-        The method's own.
+        Options of the method.
 
     Returns
     -------
@@ -92,16 +94,17 @@ def write_bop(
     Raises
     ------
     ArgumentError
-        A scene without an object beside the background, a value out of range, or a folder with older output.
+        A scene with nothing but background; a value out of range; a folder with older output.
     OptionError, UnavailableError, GlError
         As `frames`; SciPy, trimesh or Pillow is not installed.
 
     Notes
     -----
-    A pixel belongs to the object that its centre's ray meets first. So ``mask_visib`` of different objects share no
-    pixel, and with the background they are all that is met. bop_toolkit compares depths with a tolerance of 15 mm.
-    BOP counts from the first pixel's centre: its cx and cy are smaller than those of `Frame.intrinsics` by 0.5. Pixels
-    of ``px_count_all`` and ``bbox_obj`` may lie outside the picture, by its width and height at most.
+    A pixel belongs to the object that the ray through its centre hits first. The ``mask_visib`` of different objects
+    therefore share no pixel; with the background they cover all pixels with a hit. bop_toolkit compares depths with a
+    tolerance of 15 mm. BOP's origin is the centre of the first pixel: its cx and cy are smaller than those of
+    `Frame.intrinsics` by 0.5. ``px_count_all`` and ``bbox_obj`` include pixels outside the image, up to its width and
+    height away.
 
     Examples
     --------
@@ -116,7 +119,7 @@ def write_bop(
     if not isinstance(background, Sequence | Set) or not all(isinstance(each, str) for each in background):
         raise ArgumentError(f"background must be labels of objects; got {shown(background)}.")
     if strange := [each for each in scenes if not isinstance(each, Scene)]:
-        raise ArgumentError(f"scenes must be Scene; got {type(strange[0]).__name__}. Make one: Scene.of(mesh).")
+        raise ArgumentError(f"scenes must be Scene; got {type(strange[0]).__name__}. Make one: Scene.from_mesh(mesh).")
     for each in placed:
         check_views("views", each)
     if not (
@@ -130,14 +133,14 @@ def write_bop(
     if not scenes or len(placed) != len(scenes):
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
     if not all(map(len, placed)):
-        raise ArgumentError("views must be one at least for each scene; got none. Give some.")
+        raise ArgumentError("each scene must have at least one view; one has none. Give some.")
     for number, scene in enumerate(scenes):
         if not _foreground(scene, background):
             words = ", ".join(scene.labels)
             raise ArgumentError(f"scene {number} must have an object beside the background; it has {words}.")
     if older := [name for name in ("models", "camera.json", split) if (Path(folder) / name).exists()]:
         raise ArgumentError(
-            f"a folder of BOP must be new; {os.fspath(folder)} has {', '.join(older)}. Remove them, or give another."
+            f"a BOP folder must be new; {os.fspath(folder)} has {', '.join(older)}. Remove them, or give another."
         )
     writer = BopWriter(folder, background=background, method=method, **options)
     for number, (scene, eyes) in enumerate(zip(scenes, placed, strict=True)):
@@ -147,17 +150,17 @@ def write_bop(
 
 
 class _Object(NamedTuple):
-    """An object of a scene: its number there, its model, the model's pose in the world, metres, and it alone."""
+    """An object of a scene."""
 
-    instance: int
-    obj_id: int
-    pose: FloatArray
-    bounds: FloatArray
-    alone: VisibilityQuery
+    instance: int  # its number in the scene
+    obj_id: int  # its model
+    pose: FloatArray  # (4, 4), model to world, metres
+    bounds: FloatArray  # (2, 3), world space
+    alone: VisibilityQuery  # the object without the others
 
 
 class BopWriter:
-    """Writes one BOP folder, scene by scene, and at the end what is said of all models; parameters as `write_bop`."""
+    """Writer of one BOP folder: the scenes one by one, then ``models_info.json``. Parameters as of `write_bop`."""
 
     def __init__(
         self,
@@ -170,10 +173,11 @@ class BopWriter:
         self._folder, self._background, self._method, self._options = Path(folder), background, method, options
         self._models, self._info, self._names = list[Mesh](), dict[str, Any](), list[str]()
 
-    def write_scene(self, place: str, images: Iterable[tuple[Scene, Frame, NDArray[np.float32]]]) -> None:
-        """Write the images of one scene into a folder, each with what stands there: a scene may differ by image.
+    def write_scene(self, subfolder: str, images: Iterable[tuple[Scene, Frame, NDArray[np.float32]]]) -> None:
+        """Write the images of one scene into a subfolder.
 
-        An image has a frame without noise, for all but the depth, and the depth (h, w), infinite where nothing is.
+        Each image is a scene, a frame without noise, and the depths (h, w) to be written, infinite without a hit. The
+        scenes of the images may differ.
         """
         cameras, poses, counts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
         with ExitStack() as opened:
@@ -187,16 +191,16 @@ class BopWriter:
                 unit = depth_unit(float(depth[measured].max(initial=0.0)))
                 if "camera.json" not in self._names:
                     self._write("camera.json", _json(_lens(frame, unit)))
-                self._write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
-                self._write(f"{place}/depth/{view:06d}.png", png(depth_steps(depth, unit)))
+                self._write(f"{subfolder}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.rgba[..., :3])))
+                self._write(f"{subfolder}/depth/{view:06d}.png", png(depth_steps(depth, unit)))
                 lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
                 cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
                 poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
                 counts[str(view)] = [
-                    self._write_masks(place, view, row, each, frame, measured) for row, each in enumerate(objects)
+                    self._write_masks(subfolder, view, row, each, frame, measured) for row, each in enumerate(objects)
                 ]
         for name, document in (("camera", cameras), ("gt", poses), ("gt_info", counts)):
-            self._write(f"{place}/scene_{name}.json", _json(document))
+            self._write(f"{subfolder}/scene_{name}.json", _json(document))
 
     def finish(self) -> list[str]:
         """Write ``models_info.json``; return the names of all files."""
@@ -209,16 +213,16 @@ class BopWriter:
         self._names.append(name)
 
     def _write_masks(
-        self, place: str, view: int, row: int, each: _Object, frame: Frame, measured: BoolArray
+        self, subfolder: str, view: int, row: int, each: _Object, frame: Frame, measured: BoolArray
     ) -> dict[str, Any]:
-        """Write both masks of an object; return what scene_gt_info.json says of it."""
+        """Write both masks of an object; return its entry of scene_gt_info.json."""
         whole, visible = silhouette(each.alone, each.bounds, frame), frame.instances == each.instance
         height, width = visible.shape
         inside = whole[height : 2 * height, width : 2 * width]
-        inside |= visible  # in `whole` too: its rays are rounded differently, by the last bit
+        inside |= visible  # the rays of `whole` differ in the last bit
         for name, mask in (("mask", inside), ("mask_visib", visible)):
-            self._write(f"{place}/{name}/{view:06d}_{row:06d}.png", png(mask.astype(np.uint8) * np.uint8(255)))
-        return _counted(whole, inside & measured, visible)
+            self._write(f"{subfolder}/{name}/{view:06d}_{row:06d}.png", png(mask.astype(np.uint8) * np.uint8(255)))
+        return _gt_info(whole, inside & measured, visible)
 
     def _object(self, scene: Scene, i: int, opened: ExitStack) -> _Object:
         own, pose = _used(scene.mesh, scene.instances == i), np.eye(4)
@@ -233,7 +237,7 @@ class BopWriter:
         return _Object(i, obj_id, pose @ moved, own.bounds, alone)
 
     def _model_of(self, model: Mesh) -> int:
-        """Return the number of a model, millimetres; it is written unless one like it, but for rounding, has been."""
+        """Return the number of a model, millimetres; write it unless an equal one, but for rounding, was written."""
         for number, other in enumerate(self._models, 1):
             if (
                 other.vertices.shape == model.vertices.shape
@@ -253,7 +257,7 @@ class BopWriter:
 
 
 def _foreground(scene: Scene, background: Collection[str]) -> list[int]:
-    """Return which objects of a scene have a face and are not background."""
+    """Return the numbers of the objects of a scene that have a face and are not background."""
     present = set(np.unique(scene.instances).tolist())
     present -= {i for i, each in enumerate(scene.placed) if each.is_background}
     return [i for i, label in enumerate(scene.labels) if label not in background and i in present]
@@ -265,26 +269,26 @@ def _is_rigid(pose: FloatArray) -> bool:
 
 
 def _pose(frame: Frame, to_world: FloatArray, name: str) -> dict[str, list[float]]:
-    """Return rotation and translation, millimetres, to the camera of a space that has this rigid pose in the world."""
+    """Return rotation and translation (millimetres) to the camera from a space with the rigid pose `to_world`."""
     rotation, translation = frame.extrinsics[:, :3], frame.extrinsics[:, 3]
     moved = (rotation @ to_world[:3, 3] + translation) * MILLIMETRES
     return {f"cam_R_{name}": (rotation @ to_world[:3, :3]).ravel().tolist(), f"cam_t_{name}": moved.tolist()}
 
 
 def silhouette(occluder: VisibilityQuery, bounds: FloatArray, frame: Frame) -> BoolArray:
-    """Return which pixels of three by three pictures (3 h, 3 w), the frame's in the middle, show a mesh alone."""
+    """Return the mask (3 h, 3 w) of a mesh alone in an image enlarged threefold, with the frame's in the middle."""
     height, width = frame.depth.shape
     found = np.zeros((3 * height, 3 * width), dtype=bool)
     matrix = frame.intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
     part, _, _, directions = pixel_rays(bounds, matrix, frame.pose, found.shape)
     if directions.size:
-        met = occluder.first_hits(frame.camera_to_world[None, :3, 3], directions.reshape(-1, 3)).face_ids
-        found[part] = (met >= 0).reshape(directions.shape[:2])
+        face_ids = occluder.first_hits(frame.camera_to_world[None, :3, 3], directions.reshape(-1, 3)).face_ids
+        found[part] = (face_ids >= 0).reshape(directions.shape[:2])
     return found
 
 
-def _counted(whole: BoolArray, valid: BoolArray, visible: BoolArray) -> dict[str, Any]:
-    """Return what scene_gt_info.json says of an object in a picture."""
+def _gt_info(whole: BoolArray, valid: BoolArray, visible: BoolArray) -> dict[str, Any]:
+    """Return the entry of an object in scene_gt_info.json, for one image."""
     n_all, n_visible = int(whole.sum()), int(visible.sum())
     return {
         "px_count_all": n_all,
@@ -297,32 +301,32 @@ def _counted(whole: BoolArray, valid: BoolArray, visible: BoolArray) -> dict[str
 
 
 def _box(mask: BoolArray, offset: tuple[int, ...] = (0, 0)) -> list[int]:
-    """Return x, y and the steps from the first pixel to the last along both, as bop_toolkit counts them."""
+    """Return x, y, and the distances from the first to the last pixel along both axes, as bop_toolkit does."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     x, y = int(columns[0]), int(rows[0])
     return [x - offset[1], y - offset[0], int(columns[-1]) - x, int(rows[-1]) - y]
 
 
 def _used(mesh: Mesh, which: Any) -> Mesh:
-    """Return some faces of a mesh, with the vertices that they use."""
+    """Return a mesh of some faces and the vertices that they use."""
     used, faces = np.unique(mesh.faces[which], return_inverse=True)
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), mesh.name)
 
 
 def _diameter(vertices: FloatArray) -> float:
-    """Return the largest distance of two vertices."""
+    """Return the largest distance between two vertices."""
     with importing("scipy", "write_bop"):
         from scipy.spatial import ConvexHull, QhullError
     try:
         ends = vertices[ConvexHull(vertices).vertices]
-    except QhullError:  # flat, or fewer than four
+    except QhullError:  # coplanar, or fewer than four
         ends = vertices
     blocks = (ends[i : i + PER_BLOCK, None] - ends for i in range(0, len(ends), PER_BLOCK))
     return float(max(np.linalg.norm(block, axis=2).max() for block in blocks))
 
 
 def _bop_matrix(frame: Frame) -> FloatArray:
-    """Return K counted from the first pixel's centre."""
+    """Return K with the origin at the first pixel's centre."""
     return frame.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 

@@ -1,4 +1,4 @@
-"""What the camera on a car with a LiDAR shows of a scene: its picture, and a box for each object as KITTI labels it."""
+"""Bounding boxes of a scene's objects as KITTI labels them, and the image of the camera beside the LiDAR."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,53 +8,61 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.colors import Bytes
-from zbuf_occlude.scenes.kinds import METHOD, ready
+from zbuf_occlude.scenes.kinds import METHOD, prepared
 from zbuf_occlude.scenes.scene import Placed, Scene
 from zbuf_occlude.sensors.bop import silhouette
 from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
 from zbuf_occlude.sensors.motion import Motion
-from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 WIDTH, HEIGHT = 1242, 375
 FOCAL, CENTRE = 721.5377, (609.5593, 172.854)
-"""Pixels, the first pixel's centre at (0, 0): KITTI's rectified cameras on most days (Geiger and others, CVPR 2012)."""
+"""Focal length and principal point of KITTI's rectified cameras on most days, pixels (Geiger and others, CVPR 2012).
+
+The origin is the first pixel's centre."""
 TO_CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -0.08], [1.0, 0.0, 0.0, -0.27]])
 """LiDAR (x forward, y left, z up) to camera (x right, y down, z forward), metres: KITTI's, without the angles that
 differ from day to day."""
 BOX = np.dtype([
-    ("label", "S32"), ("centre", "<f8", (3,)), ("sides", "<f8", (3,)), ("yaw", "<f8"), ("window", "<f4", (4,)),
+    ("label", "S32"), ("centre", "<f8", (3,)), ("sides", "<f8", (3,)), ("yaw", "<f8"), ("bbox", "<f4", (4,)),
     ("hidden", "<f4"), ("truncated", "<f4"),
 ])  # fmt: skip
-"""An object of a scene: class; middle, length, width and height in metres, and heading in radians, world space; first
-column and row in the picture, last ones, also of what others hide; share of its pixels there that others hide; share of
-its pixels that lie outside. Where the picture has nothing of it, `truncated` is 1 and `window` 0."""
+"""The box of an object.
+
+label : class
+centre, sides, yaw : centre; length, width and height; heading. World space, metres and radians.
+bbox : first column and row, last column and row of its pixels in the image, hidden ones too
+hidden : share of its pixels in the image that others hide
+truncated : share of its pixels outside the image
+
+An object without a pixel in the image has `truncated` 1 and `bbox` 0."""
 
 
 def boxes_of(scene: Scene, occluder: VisibilityQuery, pose: FloatArray, found: Scan) -> tuple[NDArray[Any], Bytes]:
-    """Return the boxes (o,) of a scene's objects, as `BOX`, and the picture (375, 1242), grey; none of background.
+    """Return the boxes (o,) of a scene's objects, as `BOX`, and the grey image (375, 1242). Background has no box.
 
     Parameters
     ----------
     scene : Scene
-        Of objects whose poses do not scale.
+        The poses of its objects must not scale.
     occluder : VisibilityQuery
-        The scene made ready.
+        The prepared scene.
     pose : (4, 4) float
         LiDAR to world.
     found : Scan
-        Of the scene. Objects that move stand where they are at the median time of their points, in the picture too.
+        A scan of the scene. Moving objects have their pose at the median time of their points, in the image too.
 
     Notes
     -----
     A box fits the mesh and is upright where the object's pose is. Its length is the longer of the horizontal sides. The
-    heading is +x of a mesh that is longer along x, else -y, as of the built-in cars. Shares count pixels by exact rays;
-    what lies outside is counted up to a width and a height from the picture.
+    heading is +x for a mesh that is longer along x, else -y, as in the built-in cars. Shares count pixels by exact
+    rays; pixels outside the image count up to its width and height away.
     """
     if scene.moving:
-        scene = _stilled(scene, found)
+        scene = _at_scan_time(scene, found)
         occluder = prepare_scene(scene, METHOD)
     frame = next(frames(scene, _camera(pose), width=WIDTH, height=HEIGHT, occluder=occluder))
     boxes = np.zeros(len(scene.placed), BOX)
@@ -72,25 +80,25 @@ def boxes_of(scene: Scene, occluder: VisibilityQuery, pose: FloatArray, found: S
         box["truncated"] = 1.0 - inside.sum() / max(whole.sum(), inside.sum(), 1)
         if inside.any():
             rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-            box["window"] = columns[0], rows[0], columns[-1], rows[-1]
+            box["bbox"] = columns[0], rows[0], columns[-1], rows[-1]
             box["hidden"] = 1.0 - visible.sum() / inside.sum()
-    return boxes, frame.picture[..., 0]
+    return boxes, frame.rgba[..., 0]
 
 
 def as_label(name: str) -> bytes:
-    """Return a class as `BOX` holds it, cut at a character where it is too long."""
+    """Return a class name as `BOX` stores it, cut at a whole character where it is too long."""
     return name.encode()[: BOX["label"].itemsize].decode(errors="ignore").encode()
 
 
-def _stilled(scene: Scene, found: Scan) -> Scene:
-    """Return a scene whose moving objects stand where they are at the median time of their points."""
+def _at_scan_time(scene: Scene, found: Scan) -> Scene:
+    """Return a static scene in which each moving object has its pose at the median time of its points."""
     placed = list(scene.placed)
     for number, each in scene.moving.items():
         times = found.times[found.instances == number]
         if len(times):
-            rotations, places = Motion(each.velocity, each.turn).poses(np.median(times, keepdims=True))
+            rotations, positions = Motion(each.velocity, each.turn).poses(np.median(times, keepdims=True))
             pose = each.pose.copy()
-            pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + places[0]])
+            pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + positions[0]])
             placed[number] = replace(each, pose=pose)
         placed[number] = replace(placed[number], velocity=(0.0, 0.0, 0.0), turn=0.0)
     return Scene.joined(placed)
@@ -100,13 +108,13 @@ def _camera(pose: FloatArray) -> Views:
     rotation = TO_OPENCV @ TO_CAMERA[:, :3] @ pose[:3, :3].T
     eye = pose[:3, 3] - pose[:3, :3] @ TO_CAMERA[:, :3].T @ TO_CAMERA[:, 3]
     (x, y), sides = CENTRE, np.array([-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5])
-    window = (sides - [x, x, y, y]) / [FOCAL, FOCAL, -FOCAL, -FOCAL]
-    return Views.of_cameras(eye[None], rotation[None], window[None])
+    fov_bounds = (sides - [x, x, y, y]) / [FOCAL, FOCAL, -FOCAL, -FOCAL]
+    return Views.from_cameras(eye[None], rotation[None], fov_bounds[None])
 
 
 def _whole(placed: Placed, frame: Frame) -> BoolArray:
-    """Return the pixels of three by three pictures that show an object alone; none of what lies behind the camera."""
+    """Return the `silhouette` of an object; empty where the object lies behind the camera."""
     bounds, pose = placed.mesh.bounds, frame.pose @ placed.pose
     if (box_corners(bounds) @ pose[2, :3] + pose[2, 3] >= 0.0).all():
         return np.zeros((3 * HEIGHT, 3 * WIDTH), dtype=bool)
-    return silhouette(ready(placed.mesh), bounds, replace(frame, pose=pose))
+    return silhouette(prepared(placed.mesh), bounds, replace(frame, pose=pose))

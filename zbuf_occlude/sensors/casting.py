@@ -1,4 +1,4 @@
-"""A scene made ready for rays: objects that move while rays are cast one after the other, faces that let light pass."""
+"""Ray casting in scenes with objects that move during a scan and faces that let light pass."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -16,11 +16,11 @@ from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
 MOST_PANES = 32
-"""Of an object, so many one behind the other let light pass; the next are not met."""
+"""Maximum transparent faces of one object along a ray; those behind are not met."""
 
 
 def prepare_scene(scene: Scene, method: str, **options: Any) -> VisibilityQuery:
-    """Make a scene ready for `scan`: as its mesh is where all stands still and is opaque, else in parts.
+    """Prepare a scene for `scan`: as one mesh where nothing moves or lets light pass, else as a `DynamicScene`.
 
     Raises
     ------
@@ -32,20 +32,20 @@ def prepare_scene(scene: Scene, method: str, **options: Any) -> VisibilityQuery:
     return prepare(scene.mesh, method, warn=False, **options)
 
 
-class _Part(NamedTuple):
-    """Faces of a scene that keep their places to each other."""
+class _RigidGroup(NamedTuple):
+    """Faces of a scene that move together, all transparent or all opaque."""
 
     occluder: VisibilityQuery
     face_ids: NDArray[np.intp]  # of the scene's mesh, ascending
-    drive: Placed | None  # how they move
-    is_pane: bool  # whether they let light pass
+    mover: Placed | None  # object that they are of; None: they do not move
+    is_pane: bool  # True where they let light pass
 
 
 class DynamicScene(VisibilityQuery):
-    """A scene asked in parts: each object that moves by itself, in its own frame; faces that let light pass too.
+    """A scene queried in groups: each moving object in its own frame, and transparent faces apart from opaque ones.
 
-    A ray that is cast at some time meets an object that has moved since time 0 where the ray, moved back likewise,
-    meets it at time 0. Beyond a face that lets light pass a ray is asked again. So hits are as exact as the method's.
+    For an object that moved since time 0, the ray is moved back instead and meets the object at time 0. Behind a
+    transparent face the ray is cast again. Hits are therefore as exact as the method's.
     """
 
     def __init__(self, scene: Scene, method: str, **options: Any) -> None:
@@ -54,22 +54,22 @@ class DynamicScene(VisibilityQuery):
         owners = np.where(np.isin(scene.instances, list(scene.moving)), scene.instances, -1)
         panes = np.zeros(len(owners), dtype=bool) if scene.transmittance is None else scene.transmittance > 0.0
         self._solid = np.flatnonzero(~panes)
-        self._parts = [
-            self._part(np.flatnonzero((owners == owner) & (panes == is_pane)), scene.moving.get(owner), is_pane)
+        self._groups = [
+            self._group(np.flatnonzero((owners == owner) & (panes == is_pane)), scene.moving.get(owner), is_pane)
             for owner, is_pane in sorted(set(zip(owners.tolist(), panes.tolist(), strict=True)))
         ]
-        self.renderer = self._parts[0].occluder.renderer
+        self.renderer = self._groups[0].occluder.renderer
 
-    def _part(self, which: NDArray[np.intp], drive: Placed | None, is_pane: bool) -> _Part:
+    def _group(self, which: NDArray[np.intp], mover: Placed | None, is_pane: bool) -> _RigidGroup:
         mesh = Mesh(self.mesh.vertices, self.mesh.faces[which], self.mesh.name)
-        return _Part(self._prepare(mesh), which, drive, is_pane)
+        return _RigidGroup(self._prepare(mesh), which, mover, is_pane)
 
     @cached_property
-    def _at_start(self) -> _Part:
-        return self._part(self._solid, None, False)
+    def _at_start(self) -> _RigidGroup:
+        return self._group(self._solid, None, False)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-        """Answer as at time 0; faces that let light pass hide nothing."""
+        """Return the visibility at time 0; transparent faces hide nothing."""
         if not len(self._solid):
             return np.ones((len(eyes), len(points)), dtype=bool)
         numbers = np.full(len(self.mesh.faces) + 1, -1, np.int32)  # the last is of free points
@@ -78,38 +78,38 @@ class DynamicScene(VisibilityQuery):
         return self._at_start.occluder.visible(mine, eyes)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        """Answer as at time 0, faces that let light pass included."""
+        """Return the first hits at time 0, transparent faces included."""
         face_ids, distances = self.layers(origins, directions, np.zeros(len(directions)))
         return FirstHits(face_ids[:, 0], distances[:, 0])
 
     def layers(self, origins: FloatArray, directions: FloatArray, times: FloatArray) -> FirstHits:
-        """Return what n rays that are cast at some times (n,), seconds, meet up to an opaque face: (n, l), in order."""
+        """Return the hits (n, l) of n rays cast at times (n,), seconds: in order, up to the first opaque face."""
         face_ids, distances = np.full(len(directions), -1, np.int32), np.full(len(directions), np.inf)
-        for part in self._parts:
-            if not part.is_pane:
-                ids, away = _hits(part, *_seen_by(part.drive, times, origins, directions))
+        for group in self._groups:
+            if not group.is_pane:
+                ids, away = _hits(group, *_in_frame_of(group.mover, times, origins, directions))
                 nearer = (away < distances) | ((away == distances) & (ids < face_ids))
                 face_ids[nearer], distances[nearer] = ids[nearer], away[nearer]
         found = [FirstHits(face_ids, distances)]
-        for part in self._parts:
-            if part.is_pane:
-                found += _panes(part, *_seen_by(part.drive, times, origins, directions), distances)
+        for group in self._groups:
+            if group.is_pane:
+                found += _pane_hits(group, *_in_frame_of(group.mover, times, origins, directions), distances)
         order = np.argsort(np.stack([each.distances for each in found], axis=1), axis=1, kind="stable")
         return FirstHits._make(
             np.take_along_axis(np.stack(each, axis=1), order, axis=1) for each in zip(*found, strict=True)
         )
 
     def _release(self) -> None:
-        for part in self._parts:
-            part.occluder.close()
+        for group in self._groups:
+            group.occluder.close()
         if "_at_start" in vars(self):
             self._at_start.occluder.close()
 
 
 def cast(occluder: VisibilityQuery, origins: FloatArray, directions: FloatArray, times: FloatArray | None) -> FirstHits:
-    """Return what n rays meet of what `prepare_scene` returned, (n, l): each face until an opaque one ends the ray.
+    """Return the hits (n, l) of n rays in what `prepare_scene` returned: in order, up to the first opaque face.
 
-    `times` (n,) are seconds; None: all are cast at once. Where there are fewer, -1 and infinity follow.
+    `times` (n,) are seconds; None: all rays are cast at time 0. Rays with fewer hits are padded with -1 and infinity.
     """
     if isinstance(occluder, DynamicScene):
         return occluder.layers(origins, directions, np.zeros(len(directions)) if times is None else times)
@@ -117,23 +117,23 @@ def cast(occluder: VisibilityQuery, origins: FloatArray, directions: FloatArray,
     return FirstHits(face_ids[:, None], distances[:, None])
 
 
-def _hits(part: _Part, origins: FloatArray, directions: FloatArray) -> FirstHits:
-    """Return the first hits of a part, its faces numbered as in the scene."""
-    face_ids, distances = part.occluder.first_hits(origins, directions)
-    return FirstHits(np.where(face_ids >= 0, part.face_ids[face_ids], -1).astype(np.int32), distances)
+def _hits(group: _RigidGroup, origins: FloatArray, directions: FloatArray) -> FirstHits:
+    """Return the first hits in a group, with the scene's face numbers."""
+    face_ids, distances = group.occluder.first_hits(origins, directions)
+    return FirstHits(np.where(face_ids >= 0, group.face_ids[face_ids], -1).astype(np.int32), distances)
 
 
-def _panes(part: _Part, origins: FloatArray, directions: FloatArray, ends: FloatArray) -> list[FirstHits]:
-    """Return what n rays meet of a part before their ends (n,), one layer (n,) after the other.
+def _pane_hits(group: _RigidGroup, origins: FloatArray, directions: FloatArray, ends: FloatArray) -> list[FirstHits]:
+    """Return the hits of n rays in a transparent group before their ends (n,), layer by layer, (n,) each.
 
-    Faces nearer behind each other than the contact tolerance count as one.
+    Faces nearer to each other along the ray than the contact tolerance count as one.
     """
     found, at, behind = list[FirstHits](), np.arange(len(directions)), np.zeros(len(directions))
-    apart = CONTACT * part.occluder.mesh.diagonal
+    apart = CONTACT * group.occluder.mesh.diagonal
     units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     for _ in range(MOST_PANES):
         starts = origins if not found else origins[at if len(origins) > 1 else [0]] + behind[:, None] * units[at]
-        face_ids, distances = _hits(part, starts, directions[at])
+        face_ids, distances = _hits(group, starts, directions[at])
         distances = distances + behind
         met = distances < ends[at]
         if not met.any():
@@ -144,22 +144,22 @@ def _panes(part: _Part, origins: FloatArray, directions: FloatArray, ends: Float
     return found
 
 
-def _seen_by(
-    drive: Placed | None, times: FloatArray, origins: FloatArray, directions: FloatArray
+def _in_frame_of(
+    mover: Placed | None, times: FloatArray, origins: FloatArray, directions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return rays (n, 3) of some times (n,) as an object sees them that takes itself for standing where it was at 0."""
-    if drive is None:
+    """Return rays (n, 3) cast at times (n,), moved back as far as `mover` has moved since time 0."""
+    if mover is None:
         return origins, directions
-    about = drive.pose[:3, 3]
-    rotations, places = Motion(drive.velocity, drive.turn).poses(times)
-    starts = np.einsum("nji,nj->ni", rotations, origins - about - places) + about
+    about = mover.pose[:3, 3]
+    rotations, positions = Motion(mover.velocity, mover.turn).poses(times)
+    starts = np.einsum("nji,nj->ni", rotations, origins - about - positions) + about
     return starts, np.einsum("nji,nj->ni", rotations, directions)
 
 
-def turned_with(scene: Scene, instances: IntArray, times: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return normals (n, 3) of a scene's faces as they are at some times (n,), each of an object of `instances`."""
-    for number, drive in scene.moving.items():
+def normals_at(scene: Scene, instances: IntArray, times: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return the normals (n, 3) of faces at times (n,), given those at time 0 and the objects `instances` (n,)."""
+    for number, mover in scene.moving.items():
         mine = np.flatnonzero(instances == number)
-        rotations, _ = Motion(turn=drive.turn).poses(times[mine])
+        rotations, _ = Motion(turn=mover.turn).poses(times[mine])
         normals[mine] = np.einsum("nij,nj->ni", rotations, normals[mine])
     return normals

@@ -1,6 +1,6 @@
-"""Where sensors are from: the table, one literal row each, every number with its source; or a user's file.
+"""Catalogue of sensors, every number with its source; and sensors from files.
 
-A new sensor is a row of `ROWS`, or a YAML of numbers or a CSV of directions.
+A new sensor is a row of `ROWS`, a YAML file of numbers, or a CSV file of directions.
 """
 
 from dataclasses import fields
@@ -11,7 +11,8 @@ import numpy as np
 
 from zbuf_occlude.documents import Number, parse_document, parse_line, read_limited
 from zbuf_occlude.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
-from zbuf_occlude.sensors.sensor import KINDS, NoiseModel, Sensor, numbers_of
+from zbuf_occlude.sensors.rays import PATTERNS, numbers_of
+from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
@@ -23,7 +24,7 @@ _COLUMNS = {
 
 
 class SensorRow(NamedTuple):
-    """A sensor as data: its numbers, each with where it is from."""
+    """A sensor as data: its numbers, each with its source."""
 
     name: str
     kind: str
@@ -34,9 +35,9 @@ class SensorRow(NamedTuple):
         """Return the sensor."""
         values = {name: value for name, (value, _) in self.numbers.items()}
         pattern = {name: value for name, value in values.items() if name in numbers_of(self.kind)}
-        faults = NoiseModel(**{name: value for name, value in values.items() if name not in pattern})
+        noise_model = NoiseModel(**{name: value for name, value in values.items() if name not in pattern})
         sources = {name: source for name, (_, source) in self.numbers.items()}
-        return Sensor(self.name, self.kind, pattern, faults, self.summary, sources)
+        return Sensor(self.name, self.kind, pattern, noise_model, self.summary, sources)
 
 
 def make(name: str | Path | Sensor, /, **numbers: Any) -> Sensor:
@@ -45,17 +46,17 @@ def make(name: str | Path | Sensor, /, **numbers: Any) -> Sensor:
     Parameters
     ----------
     name : str, Path or Sensor
-        A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
-        ``pinhole:width=320,height=240,fov=60``. A sensor is returned as it is, but for the numbers.
+        A name of the table, a YAML or CSV file, or a name with numbers: ``pinhole:width=320,height=240,fov=60``. A
+        sensor is returned with the changed numbers.
     **numbers
-        To be changed, such as ``columns=900`` or ``noise=0`` (which switches all imperfections off).
+        Numbers to change, such as ``columns=900`` or ``noise=0`` (no losses and no noise).
 
     Raises
     ------
     ArgumentError
-        No name, path or sensor.
+        `name` is no name, path or sensor.
     OptionError
-        No such sensor, no such number, or a value out of range.
+        An unknown sensor or number, or a value out of range.
 
     Examples
     --------
@@ -76,7 +77,7 @@ def make(name: str | Path | Sensor, /, **numbers: Any) -> Sensor:
         for setting in filter(None, typed.split(",")):
             key, equals, value = setting.partition("=")
             if not equals:
-                raise OptionError(f"a sensor's numbers must be given name=value; got {setting!r}.")
+                raise OptionError(f"a sensor's numbers must be given as name=value; got {setting!r}.")
             numbers = {key.strip(): value.strip(), **numbers}
     return sensor.with_numbers(**numbers) if numbers else sensor
 
@@ -87,15 +88,15 @@ def read_sensor(path: Path) -> SensorRow:
     Parameters
     ----------
     path : Path
-        A YAML with ``kind`` and the numbers of a row, and, if you like, ``name``, ``summary`` and ``source`` (one for
-        all); or a CSV with the columns azimuth, elevation (degrees) or x, y, z, and, if you like, ring.
+        A YAML file with ``kind`` and the numbers of a row, optionally ``name``, ``summary`` and ``source`` (one for
+        all numbers); or a CSV file with the columns azimuth and elevation (degrees) or x, y and z, optionally ring.
 
     Raises
     ------
     OptionError
-        Not readable, or not what it should be; the message says what.
+        The file cannot be read, or is no sensor; the message says what is wrong.
     """
-    row = (_of_csv if path.suffix.lower() == ".csv" else _of_yaml)(path, read_limited(path))
+    row = (_row_from_csv if path.suffix.lower() == ".csv" else _row_from_yaml)(path, read_limited(path))
     try:
         row.sensor().rays()
     except OccludeError as error:
@@ -103,20 +104,20 @@ def read_sensor(path: Path) -> SensorRow:
     return row
 
 
-def _of_yaml(path: Path, data: bytes) -> SensorRow:
+def _row_from_yaml(path: Path, data: bytes) -> SensorRow:
     given, where = parse_document("YAML", data, path), escape_control(str(path))
     if not isinstance(given, dict) or "kind" not in given:
         raise OptionError(f"{where} must have a line `kind:` and a sensor's numbers; see docs/sensors.md.")
-    told = {"kind": "", "name": path.stem, "summary": f"from {path.name}", "source": path.name}
-    told = {name: parse_line(f"{name} in {where}", given.pop(name, default)) for name, default in told.items()}
-    check_choice(f"kind in {where}", told["kind"], KINDS)
-    known = [*numbers_of(told["kind"]), *(each.name for each in fields(NoiseModel))]
+    words = {"kind": "", "name": path.stem, "summary": f"from {path.name}", "source": path.name}
+    words = {name: parse_line(f"{name} in {where}", given.pop(name, default)) for name, default in words.items()}
+    check_choice(f"kind in {where}", words["kind"], PATTERNS)
+    known = [*numbers_of(words["kind"]), *(each.name for each in fields(NoiseModel))]
     for name in given:
         check_choice(f"a number in {where}", name, known)
-    return SensorRow(told["name"], told["kind"], told["summary"], _from(told["source"], **given))
+    return SensorRow(words["name"], words["kind"], words["summary"], _from(words["source"], **given))
 
 
-def _of_csv(path: Path, data: bytes) -> SensorRow:
+def _row_from_csv(path: Path, data: bytes) -> SensorRow:
     columns, where = parse_document("CSV", data, path), escape_control(str(path))
     wanted = next((names for names in (ANGLES, VECTORS) if set(names) <= set(columns)), None)
     if wanted is None:
@@ -132,14 +133,15 @@ def _of_csv(path: Path, data: bytes) -> SensorRow:
 
 
 def _from(source: str, **numbers: Any) -> dict[str, tuple[Any, str]]:
-    """Return numbers that have one source."""
+    """Return numbers that share one source."""
     return {name: (value, source) for name, value in numbers.items()}
 
 
 Lasers = tuple[tuple[float, float], ...]
-"""Elevation and azimuth offset of each, degrees, the lowest first; of Velodyne's as in the calibration files that
-ros-drivers/velodyne comes with, of the HDL-64E as KITTI's. Those of the VLP-32C were found again in a real scan
-within 0.04 degrees."""
+"""Elevation and azimuth offset of each laser, degrees, the lowest first.
+
+Velodyne's are from the calibration files of ros-drivers/velodyne, the HDL-64E's from KITTI. A real scan confirms those
+of the VLP-32C within 0.04 degrees."""
 
 VLP_16: Lasers = tuple((float(elevation), 0.0) for elevation in range(-15, 16, 2))
 HDL_32E: Lasers = tuple((round((4 * i - 92) / 3, 2), 0.0) for i in range(32))
@@ -166,7 +168,7 @@ HDL_64E: Lasers = (
 )  # fmt: skip
 
 _HDL_64E_BLOCKS = ((0.13415, 0.06214),) * 32 + ((0.20657, 0.0719),) * 32
-"""Of the block that each laser is in: metres up at elevation 0, and metres more per tangent of the elevation."""
+"""Height of each laser at elevation 0, metres, and its growth per tangent of the elevation; one pair per block."""
 HDL_64E_OFFSETS = tuple(
     (float(round(up + growth * np.tan(np.radians(elevation)), 5)), -0.026 if i % 2 else 0.026)
     for i, ((up, growth), (elevation, _)) in enumerate(zip(_HDL_64E_BLOCKS, HDL_64E, strict=True))
@@ -196,7 +198,7 @@ _FITTED = (
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
 
-_LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "reach": (130.0, _FITTED)}
+_LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "detection_range": (130.0, _FITTED)}
 _VELODYNE = {
     "range_min": (0.9, _ASSUMED + ", as HDL-64E"),
     "step": (0.002, _MANUAL),
@@ -358,7 +360,7 @@ ROWS: tuple[SensorRow, ...] = (
             ),
             "step": (0.001, "millimetres in its pictures"),
             "baseline": ((0.0, -0.05, 0.0), f"its right camera; depths are the left one's, {_SHEET}"),
-            "window": (9, "census of 9 x 9 pixels, the maker's presets (librealsense, d400_presets)"),
+            "match_window": (9, "census of 9 x 9 pixels, the maker's presets (librealsense, d400_presets)"),
             **_DEPTH_CAMERA,
         },
     ),
@@ -412,4 +414,4 @@ ROWS: tuple[SensorRow, ...] = (
 )
 
 SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
-"""Every sensor of the table by name."""
+"""The sensors of the table, by name."""

@@ -1,4 +1,4 @@
-"""Frames: what a camera delivers of each pixel, by rays through the pixels' centres; and frames as files."""
+"""Frames: depth, normals, faces and instances of each pixel, by rays through the pixels' centres; frames as files."""
 
 import io
 import json
@@ -29,13 +29,15 @@ from zbuf_occlude.visibility.interface import VisibilityQuery
 
 WIDTH, HEIGHT = 640, 480
 MARGIN = 1.05
-"""Without a field of view, a picture is this many times as wide as the ball around the mesh's box."""
-NEAR = 0.9
-"""The ball around the mesh's box is seen where it reaches up to this share of the way to a camera; nearer, the mesh."""
+"""Width of an image over that of the mesh, where the field of view is chosen."""
+BALL_LIMIT = 0.9
+"""Largest radius of the mesh's bounding ball, over the camera's distance, for a field of view that fits the ball.
+
+Nearer cameras get one that fits the vertices."""
 WIDEST = 10.0
 """Tangent of half the widest field of view that is chosen: 169 degrees."""
 TO_OPENCV = np.diag([1.0, -1.0, -1.0])
-"""From eye space (x right, y up, looking along -z) to OpenCV's (x right, y down, looking along z)."""
+"""Matrix from eye space (x right, y up, looking along -z) to OpenCV's (x right, y down, looking along z)."""
 DEPTH_LEVELS = 2**16 - 1
 TRANSFORMS, CAMERAS = "transforms.json", "cameras.json"
 _WRITTEN = re.compile(r"\d{3,}((_depth|_mask|_normal|_instance)?\.png|\.npy)|transforms\.json|cameras\.json")
@@ -44,22 +46,22 @@ _WRITTEN = re.compile(r"\d{3,}((_depth|_mask|_normal|_instance)?\.png|\.npy)|tra
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture of a pinhole camera, (h, w); the first row is the highest.
+    """One image of a pinhole camera, (h, w); the first row is the uppermost.
 
     Parameters
     ----------
     depth : (h, w) float32
-        Along the camera's axis, world units; infinite where nothing is met.
+        Depth along the camera's axis, world units; infinite where nothing is hit.
     face_ids : (h, w) int32
-        Of the mesh or scene; -1 where nothing is met.
+        Face of the mesh or scene; -1 where nothing is hit.
     instances : (h, w) int32
-        Which object of the scene; -1 where nothing is met.
+        Object of the scene; -1 where nothing is hit.
     normals : (h, w, 3) float32
-        World space, unit, of the faces, turned towards the camera; 0 where nothing is met.
+        Unit normal of the face, world space, turned towards the camera; 0 where nothing is hit.
     colors : (h, w, 3) uint8 or None
-        Base colours, sRGB, of a mesh that has some.
+        Base colours, sRGB; None for a mesh without colours.
     intrinsics : (3, 3) float
-        K, pixels: the centre of the first pixel is at (0.5, 0.5).
+        K, pixels; the centre of the first pixel is (0.5, 0.5).
     pose : (4, 4) float
         View matrix: world space to eye space (x right, y up, looking along -z).
 
@@ -86,7 +88,7 @@ class Frame:
 
     @property
     def mask(self) -> BoolArray:
-        """Where something is met, (h, w)."""
+        """True where a pixel hits something, (h, w)."""
         return np.isfinite(self.depth)
 
     @property
@@ -96,7 +98,7 @@ class Frame:
 
     @property
     def camera_to_world(self) -> FloatArray:
-        """The inverse of `pose` (4, 4), as NeRF's ``transform_matrix``."""
+        """Inverse of `pose` (4, 4): NeRF's ``transform_matrix``."""
         found = np.eye(4)
         found[:3, :3] = self.pose[:3, :3].T
         found[:3, 3] = -self.pose[:3, :3].T @ self.pose[:3, 3]
@@ -104,15 +106,15 @@ class Frame:
 
     @property
     def points(self) -> FloatArray:
-        """The covered pixels' centres at their depths, world space, (n, 3), row by row."""
+        """Centres of the covered pixels at their depths, world space, (n, 3), row by row."""
         rows, columns = np.nonzero(self.mask)
         rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1) @ np.linalg.inv(self.intrinsics).T
         rotation, origin = self.extrinsics[:, :3], self.extrinsics[:, 3]
         return np.asarray((rays * self.depth[rows, columns, None].astype(np.float64) - origin) @ rotation)
 
     @property
-    def picture(self) -> Bytes:
-        """Red, green, blue and alpha (h, w, 4): base colours, or grey lit from the camera; clear where nothing is."""
+    def rgba(self) -> Bytes:
+        """Image (h, w, 4): base colours, or grey lit from the camera; transparent where nothing is hit."""
         found = np.zeros((*self.depth.shape, 4), np.uint8)
         if self.colors is not None:
             found[..., :3] = self.colors
@@ -124,25 +126,25 @@ class Frame:
         return found
 
     def to_open3d(self) -> Any:
-        """Return an ``open3d.geometry.RGBDImage`` and its ``PinholeCameraIntrinsic``; depth 0 where nothing is met.
+        """Return an ``open3d.geometry.RGBDImage`` and its ``PinholeCameraIntrinsic``; depth 0 where nothing is hit.
 
         Raises
         ------
         UnavailableError
-            Open3D is not installed, or broken.
+            Open3D is not installed, or cannot be imported.
         """
         with importing("open3d", "Frame.to_open3d"):
             import open3d
         height, width = self.depth.shape
         pixels: list[Any] = [
-            np.ascontiguousarray(self.picture[..., :3]),
+            np.ascontiguousarray(self.rgba[..., :3]),
             np.where(self.mask, self.depth, np.float32(0)),
         ]
         color, depth = (open3d.geometry.Image(each) for each in pixels)
-        picture = open3d.geometry.RGBDImage.create_from_color_and_depth(color, depth, 1.0, np.inf, False)
-        # Open3D counts from the first pixel's centre
+        image = open3d.geometry.RGBDImage.create_from_color_and_depth(color, depth, 1.0, np.inf, False)
+        # Open3D's origin is the first pixel's centre
         (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
-        return picture, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx - 0.5, cy - 0.5)
+        return image, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx - 0.5, cy - 0.5)
 
 
 def frames(
@@ -157,28 +159,27 @@ def frames(
     colors: bool = False,
     **options: Any,
 ) -> Iterator[Frame]:
-    """Yield the picture of each view: of the first hit of each pixel depth, normal, face and instance.
+    """Yield a frame for each view: depth, normal, face and instance of the first hit of each pixel.
 
     Parameters
     ----------
     mesh : Scene or Mesh
         Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     views : Views
-        World units. Cameras of a file (`Views.windows`) have pictures of their own; others have square pixels.
+        World units. Cameras of a file (`Views.fov_bounds`) have their own fields of view; others have square pixels.
     width, height : int, optional
-        Pixels. By default those of the cameras' file (`Views.sizes`), or else 640 x 480.
+        Pixels. By default those of the cameras' file (`Views.sizes`), else 640 x 480.
     fov : float, optional
-        Horizontal field of view, degrees. By default one for all views, in which all of them see the whole mesh; at
-        most 169 for the shorter side.
+        Horizontal field of view, degrees. By default one for all views, which contains the whole mesh in each of them;
+        at most 169 for the shorter side.
     method : str
-        Who casts the rays: a name of the table `METHODS` that can. ``exact``: on the processor, without error;
-        ``depth_buffer``: on the GPU.
+        Ray caster, a name of the table `METHODS`. ``exact``: on the CPU, without error; ``depth_buffer``: on the GPU.
     occluder : VisibilityQuery, optional
-        The mesh made ready already.
+        The prepared mesh.
     colors : bool
-        Read base colours too, of what has them.
+        Read the mesh's base colours too.
     **options
-        The method's own.
+        Options of the method.
 
     Yields
     ------
@@ -188,14 +189,14 @@ def frames(
     Raises
     ------
     ArgumentError
-        A size or field of view out of range; views that are none; an occluder of another mesh; `colors` is no bool.
+        A size or field of view out of range; no `Views`; an occluder of another mesh; `colors` that is no bool.
     OptionError, UnavailableError, GlError
         As `prepare`; a method that casts no rays.
 
     Warns
     -----
     UserWarning
-        Without a field of view: a camera is within the mesh, or so near that no picture shows all of it.
+        Without a field of view: a camera is inside the mesh, or so near that no image shows all of it.
 
     Examples
     --------
@@ -206,24 +207,24 @@ def frames(
     """
     check_views("views", views)
     sizes = _sizes(views, width, height)
-    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=as_flag(colors, "colors")))
+    scene = mesh if isinstance(mesh, Scene) else Scene.from_mesh(as_mesh(mesh, colors=as_flag(colors, "colors")))
     find_method(method).check_first_hits()
     if occluder is not None:
         occluder.check_is_of(scene.mesh)
     intrinsics = _intrinsics(scene, views, sizes, fov)
 
-    def drawn() -> Iterator[Frame]:  # what is wrong above is said at once, not when the first frame is asked for
+    def generate() -> Iterator[Frame]:  # apart, so that wrong arguments are reported before the first frame
         with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
             for matrix, pose, (across, along) in zip(intrinsics, views.poses, sizes.tolist(), strict=True):
                 yield frame_at(scene, opened, matrix, pose, (along, across))
 
-    return drawn()
+    return generate()
 
 
 def frame_at(
     scene: Scene, occluder: VisibilityQuery, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
 ) -> Frame:
-    """Cast a ray through each pixel (h, w) that may show the mesh; `matrix` is K, `pose` the view matrix."""
+    """Return the frame of one camera, `size` (h, w) pixels; `matrix` is K, `pose` the view matrix."""
     mesh, colors, eye = scene.mesh, None, -pose[:3, :3].T @ pose[:3, 3]
     depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)
     face_ids, instances = np.full((2, *size), -1, np.int32)
@@ -232,36 +233,36 @@ def frame_at(
     part, y, x, directions = pixel_rays(mesh.bounds, matrix, pose, size)
     if directions.size:
         hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
-        drawn = depth[part], face_ids[part], instances[part], normals[part]
-        _draw(x, y, directions, *hits, mesh.face_normals, scene.instances, *drawn)
+        filled = depth[part], face_ids[part], instances[part], normals[part]
+        _fill_frame(x, y, directions, *hits, mesh.face_normals, scene.instances, *filled)
         if mesh.colors is not None and colors is not None:
-            met = np.nonzero(face_ids[part] >= 0)
-            faces, places = face_ids[part][met], eye + directions[met] * depth[part][met][:, None]
-            colors[part][met] = mesh.colors.at(faces, barycentric(mesh.corners[faces], places))
+            hit = np.nonzero(face_ids[part] >= 0)
+            faces, points = face_ids[part][hit], eye + directions[hit] * depth[part][hit][:, None]
+            colors[part][hit] = mesh.colors.at(faces, barycentric(mesh.corners[faces], points))
     return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
 
 
 def pixel_rays(
     bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
 ) -> tuple[tuple[slice, slice], FloatArray, FloatArray, FloatArray]:
-    """Return the rays through the pixels of a picture (h, w) that may show anything of a box (2, 3).
+    """Return the rays through the pixels of an image (h, w) that may show any part of a box (2, 3).
 
-    `matrix` is K, `pose` the view matrix. Returned are rows and columns of the part, the places y (h',) and x (w',) of
-    its pixels at depth 1, and the rays of depth 1 (h', w', 3), world space.
+    `matrix` is K, `pose` the view matrix. The result is the rows and columns of these pixels, their coordinates y (h',)
+    and x (w',) at depth 1, and the rays of depth 1 (h', w', 3), world space.
     """
-    part = _around(bounds, matrix, pose, size)
+    part = _pixels_of_box(bounds, matrix, pose, size)
     (fx, _, cx), (_, fy, cy), _ = matrix
     y, x = (
         (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
     )
     directions = np.empty((len(y), len(x), 3))
-    _point(x, y, TO_OPENCV @ pose[:3, :3], directions)
+    _fill_rays(x, y, TO_OPENCV @ pose[:3, :3], directions)
     return part, y, x, directions
 
 
 @njit(cache=True, nogil=True)
-def _point(x: Any, y: Any, axes: Any, directions: Any) -> None:
-    """Fill in the rays (h, w, 3) of depth 1 through places x (w,) and y (h,) of the picture; `axes` are its rows."""
+def _fill_rays(x: Any, y: Any, axes: Any, directions: Any) -> None:
+    """Write the rays (h, w, 3) of depth 1 through image coordinates x (w,) and y (h,); `axes` are the camera's."""
     for row in range(len(y)):
         for column in range(len(x)):
             for axis in range(3):
@@ -269,7 +270,7 @@ def _point(x: Any, y: Any, axes: Any, directions: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _draw(
+def _fill_frame(
     x: Any,
     y: Any,
     directions: Any,
@@ -282,7 +283,7 @@ def _draw(
     instances: Any,
     normals: Any,
 ) -> None:
-    """Fill in a part of a frame by what its rays met."""
+    """Write a part of a frame from the hits of its rays."""
     for row in range(len(y)):
         for column in range(len(x)):
             face = hit_ids[row * len(x) + column]
@@ -295,20 +296,22 @@ def _draw(
             for axis in range(3):
                 towards += face_normals[face, axis] * directions[row, column, axis]
                 length += face_normals[face, axis] * face_normals[face, axis]
-            scale = (-1.0 if towards > 0.0 else 1.0) / np.sqrt(length)  # a face without area is never met
+            scale = (-1.0 if towards > 0.0 else 1.0) / np.sqrt(length)  # a face without area is never hit
             for axis in range(3):
                 normals[row, column, axis] = face_normals[face, axis] * scale
 
 
-def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:
-    """Return the rows and columns outside which no pixel shows anything of a box; all where the eye may be within."""
+def _pixels_of_box(
+    bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
+) -> tuple[slice, slice]:
+    """Return the rows and columns of the pixels that may show a box; all where a corner is not in front of the eye."""
     corners = box_corners(bounds) @ pose[:3, :3].T + pose[:3, 3]
     if not (corners[:, 2] < -1e-6 * np.abs(corners).max()).all():
         return slice(0, size[0]), slice(0, size[1])
     pixels = corners @ TO_OPENCV @ matrix.T
-    places = np.nan_to_num(pixels[:, 1::-1] / pixels[:, 2:])
-    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, size).astype(int).tolist()
-    last = np.clip(np.ceil(places.max(axis=0)) + 1, first, size).astype(int).tolist()
+    positions = np.nan_to_num(pixels[:, 1::-1] / pixels[:, 2:])
+    first = np.clip(np.floor(positions.min(axis=0)) - 1, 0, size).astype(int).tolist()
+    last = np.clip(np.ceil(positions.max(axis=0)) + 1, first, size).astype(int).tolist()
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
@@ -318,24 +321,24 @@ def box_corners(bounds: FloatArray) -> FloatArray:
 
 
 def _sizes(views: Views, width: int | None, height: int | None) -> IntArray:
-    """Return width and height of each view's picture, (k, 2): as given, of the file, or the usual."""
+    """Return width and height of each view's image, (k, 2): those given, else the file's, else the default."""
     for name, value in (("width", width), ("height", height)):
         if value is not None:
             check_int(name, value, 1)
     if views.sizes is not None and (width is None) != (height is None):
-        raise ArgumentError("width and height must be given both, or neither, of cameras that have some.")
+        raise ArgumentError("width and height must be given together for cameras that have a size of their own.")
     if views.sizes is not None and width is None:
         return views.sizes
     width, height = width or WIDTH, height or HEIGHT
     if width * height > MOST_PIXELS:
-        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
+        raise ArgumentError(f"an image must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
     return np.tile(np.array([width, height], np.int32), (len(views), 1))
 
 
 def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) -> FloatArray:
-    if views.windows is not None:
+    if views.fov_bounds is not None:
         if fov is not None:
-            raise ArgumentError("fov must be left out of cameras that have a field of view. Leave it out.")
+            raise ArgumentError("fov must not be given for cameras that have a field of view. Leave it out.")
         return views.intrinsics(*sizes.T)
     if not len(views):
         return np.empty((0, 3, 3))
@@ -345,24 +348,27 @@ def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) 
     else:
         tangent = np.tan(field_of_view(fov) / 2.0)
     across, along = float(tangent), float(tangent) * height / width
-    windows = np.tile([-across, across, -along, along], (len(views), 1))
-    return replace(views, windows=windows).intrinsics(width, height)
+    bounds = np.tile([-across, across, -along, along], (len(views), 1))
+    return replace(views, fov_bounds=bounds).intrinsics(width, height)
 
 
 def _tangent_around(mesh: Mesh, views: Views) -> float:
-    """Return the tangent of half the angle of square pictures in which all views see a mesh; warn where none do."""
+    """Return the tangent of half the field of view of square images that contain a mesh in all views.
+
+    Warn where there is none.
+    """
     away = np.linalg.norm(views.eyes - mesh.centre, axis=1).min()
     off = np.linalg.norm(np.asarray(views.target) - mesh.centre)
-    if away > 0.0 and MARGIN * (mesh.diagonal / 2 + off) <= NEAR * away:
-        return float(np.tan(np.arcsin(MARGIN * (mesh.diagonal / 2 + off) / away)))  # of the ball around its box
-    widest, places = 0.0, mesh.vertices[np.unique(mesh.faces)]
+    if away > 0.0 and MARGIN * (mesh.diagonal / 2 + off) <= BALL_LIMIT * away:
+        return float(np.tan(np.arcsin(MARGIN * (mesh.diagonal / 2 + off) / away)))  # of the bounding ball
+    widest, vertices = 0.0, mesh.vertices[np.unique(mesh.faces)]
     for pose in views.poses:
-        x, y, z = (places @ pose[:3, :3].T + pose[:3, 3]).T
+        x, y, z = (vertices @ pose[:3, :3].T + pose[:3, 3]).T
         beside, ahead = np.maximum(np.abs(x), np.abs(y)), -z
         widest = max(widest, float((beside / ahead).max()) if (ahead > 0.0).all() else np.inf)
     if not widest <= WIDEST / MARGIN:
         warnings.warn(
-            "no picture shows the whole mesh: a camera is within it, or nearly. Move the cameras, or give fov.",
+            "no image shows the whole mesh: a camera is inside it, or very near. Move the cameras, or give fov.",
             stacklevel=4,
         )
         return WIDEST
@@ -370,33 +376,36 @@ def _tangent_around(mesh: Mesh, views: Views) -> float:
 
 
 def depth_unit(farthest: float) -> float:
-    """Return a power of ten of which 65,535 steps reach as far as a depth, world units; 0.001 up to 65.5."""
+    """Return the smallest power of ten of which 65,535 steps cover a depth, world units; 0.001 up to 65.5."""
     return float(10.0 ** np.ceil(np.log10(farthest / DEPTH_LEVELS))) if farthest > 0 else 1.0
 
 
 def depth_steps(depth: NDArray[np.float32], unit: float) -> NDArray[np.uint16]:
     """Return depths (h, w) in steps of `unit`, rounded, at least 1; 0 where they are infinite.
 
-    Raises ArgumentError where one is farther than 65,535 steps.
+    Raises
+    ------
+    ArgumentError
+        A depth above 65,535 steps.
     """
-    met, steps = np.isfinite(depth), np.zeros(depth.shape, np.uint16)
-    levels = np.maximum(np.round(depth[met].astype(np.float64) / unit), 1.0)
+    hit, steps = np.isfinite(depth), np.zeros(depth.shape, np.uint16)
+    levels = np.maximum(np.round(depth[hit].astype(np.float64) / unit), 1.0)
     if levels.max(initial=0.0) > DEPTH_LEVELS:
         raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
-    steps[met] = levels
+    steps[hit] = levels
     return steps
 
 
 def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit: float | None = None) -> list[str]:
-    """Write the frames of an object into a folder, as readers of renderings for NeRF, and of Objaverse, expect them.
+    """Write the frames of an object into a folder, in the layout of renderings for NeRF and of Objaverse.
 
     ===================  =====================================================================================
     000.png              red, green, blue, alpha
     000.npy              (3, 4) float64, world space to eye space (x right, y up, looking along -z)
-    000_depth.png        16 bits: depth over `unit`, rounded; 0 where nothing is
+    000_depth.png        16 bits: depth over `unit`, rounded; 0 where nothing is hit
     000_mask.png         8 bits: 255 or 0
-    000_normal.png       8 bits: (n + 1) / 2 of 255, world space; 0 where nothing is
-    000_instance.png     16 bits: instance + 1; 0 where nothing is
+    000_normal.png       8 bits: 255 (n + 1) / 2, world space; 0 where nothing is hit
+    000_instance.png     16 bits: instance + 1; 0 where nothing is hit
     transforms.json      intrinsics, and for each frame its files and ``transform_matrix``: camera (x right, y up,
                          looking along -z) to world
     cameras.json         for each frame K, R, t in OpenCV's convention, width, height, and the unit of its depth
@@ -405,10 +414,10 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     Parameters
     ----------
     folder : path-like
-        Made when missing. It must hold no frames yet.
+        Created where it is missing. It must not contain frames.
     found : iterable of Frame
     unit : float, optional
-        World units in a step of the depth pictures. By default the finest power of ten that reaches the farthest depth.
+        Step of the depth images, world units. By default the smallest power of ten that covers the greatest depth.
 
     Returns
     -------
@@ -418,8 +427,8 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     Raises
     ------
     ArgumentError
-        A depth is farther than 65,535 steps, `unit` is no length above 0 or reaches
-        beyond all that a frame shows, or the folder holds frames.
+        A depth above 65,535 steps; a `unit` that is no length above 0, or more than twice all depths of a frame; a
+        folder that contains frames.
     UnavailableError
         Pillow is not installed.
 
@@ -434,19 +443,19 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
         as_number(unit, "unit", "a length above 0", lambda length: length > 0.0)
     if folder.is_dir() and (older := sorted(path.name for path in folder.iterdir() if _WRITTEN.fullmatch(path.name))):
         raise ArgumentError(
-            f"a folder of frames must be new; {folder} has {older[0]} of {len(older)} files of older frames. Remove "
-            "them, or give another folder."
+            f"the folder of frames must be new; {folder} has {len(older)} files of older frames, such as {older[0]}. "
+            "Remove them, or give another folder."
         )
     if unit is None:
         found = list(found)
         unit = depth_unit(max((float(frame.depth[frame.mask].max(initial=0.0)) for frame in found), default=0.0))
     else:
-        found = _finer_than(found, float(unit))
+        found = _check_unit(found, float(unit))
     return frame_files(folder, found, float(unit))
 
 
-def _finer_than(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
-    """Yield frames; raise ArgumentError at one of which no depth is half a unit."""
+def _check_unit(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
+    """Yield the frames; raise ArgumentError at one whose depths are all below half a unit."""
     for frame in found:
         farthest = float(frame.depth[frame.mask].max(initial=0.0))
         if 0.0 < farthest < unit / 2.0:
@@ -455,7 +464,7 @@ def _finer_than(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
 
 
 def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
-    """Write frames as `write_frames` does, over files of these names, depths in steps of `unit`."""
+    """Write frames as `write_frames` does, with depths in steps of `unit`; older files are overwritten."""
     names = list[str]()
     lenses, placed, cameras = (list[dict[str, Any]]() for _ in range(3))
     folder.mkdir(parents=True, exist_ok=True)
@@ -488,7 +497,7 @@ def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
     mask, normals = frame.mask, np.zeros(frame.normals.shape, np.uint8)
     normals[mask] = np.round((frame.normals[mask] + 1.0) * 127.5)
     pictures: dict[str, NDArray[Any]] = {
-        f"{stem}.png": frame.picture,
+        f"{stem}.png": frame.rgba,
         f"{stem}_depth.png": depth_steps(frame.depth, unit),
         f"{stem}_mask.png": mask.astype(np.uint8) * np.uint8(255),
         f"{stem}_normal.png": normals,
@@ -500,7 +509,7 @@ def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
 
 
 def png(pixels: NDArray[Any]) -> bytes:
-    """Return a picture as PNG."""
+    """Return an image as PNG."""
     with importing("PIL", "frames as files"):
         from PIL import Image
     file = io.BytesIO()

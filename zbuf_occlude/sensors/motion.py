@@ -1,4 +1,4 @@
-"""A sensor that moves while it scans: where it is when each of its rays is cast."""
+"""Motion of a sensor during a scan: its pose at the time of each ray."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,36 +10,36 @@ from zbuf_occlude.arrays import FloatArray, as_flag, as_number, as_numbers, as_v
 from zbuf_occlude.documents import read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
-from zbuf_occlude.sensors.sensor import Rays
+from zbuf_occlude.sensors.rays import Rays
 
-LONGER = 1.5
-"""A trajectory that lasts so many times longer or shorter than a sweep was meant for something else."""
+DURATION_RATIO = 1.5
+"""Ratio of the durations of trajectory and sweep above which a warning is given."""
 STRAIGHT = 1e-9
-"""Radians a second below which an arc is computed as a line."""
+"""Yaw rate below which an arc is computed as a line, radians per second."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How a sensor moves from its pose at time 0 on.
+    """The motion of a sensor from its pose at time 0 on.
 
     Parameters
     ----------
     velocity : (3,) float
-        Metres a second forward, to the left and up, in the sensor's own frame, which turns with it.
+        Metres per second forward, to the left and up, in the sensor's own frame, which turns with the sensor.
     turn : float
-        Degrees a second about its z axis; positive turns it to the left.
+        Yaw rate, degrees per second about the sensor's z axis; positive to the left.
     trajectory : (m, 8) float, optional
         Instead of both: rows of time, x, y, z, qx, qy, qz, qw, the sensor's poses in any one frame, times ascending.
-        Only how it moves from the first row on counts. In between, positions are linear and rotations along the
-        shortest arc; before and after it is at rest.
+        Only the motion relative to the first row counts. Between rows, positions are interpolated linearly and
+        rotations along the shortest arc. Before the first row and after the last the sensor is at rest.
     deskew : bool
-        Undo it: points are where they were met. Else they are as the sensor reports them, as if it had stood still.
+        True: points are where the rays met the scene. False: points are as the sensor reports them, as if at rest.
 
     Raises
     ------
     ArgumentError
-        Wrong shapes, numbers that are not finite, times that do not ascend, quaternions of length 0, or both given;
-        `deskew` is no bool.
+        A wrong shape; numbers that are not finite; times that do not ascend; a quaternion of length 0; a trajectory
+        together with velocity or turn; `deskew` that is no bool.
     """
 
     velocity: ArrayLike = (0.0, 0.0, 0.0)
@@ -67,19 +67,19 @@ class Motion:
         unit = np.concatenate([rows[:, :4], unit_quaternions(rows[:, 4:])], axis=1)
         object.__setattr__(self, "trajectory", set_readonly(unit))
 
-    def unlike(self, rays: Rays) -> str:
-        """Say how much longer or shorter a trajectory is than the sweep of these rays; empty where it is as long."""
+    def duration_mismatch(self, rays: Rays) -> str:
+        """Return a message where a trajectory is much longer or shorter than the sweep of these rays, else ""."""
         if self.trajectory is None or rays.times is None:
             return ""
         times, sweep = np.asarray(self.trajectory)[:, 0], float(rays.times.max(initial=0.0))
-        lasts = float(times[-1] - times[0])
-        said = f"the trajectory lasts {lasts:.3g} s, a sweep {sweep:.2g} s"
-        if lasts > LONGER * sweep:
-            return f"{said}: one sweep is made, from its beginning, and the rest is not used"
-        return f"{said}: the sensor stands still at its end" if LONGER * lasts < sweep else ""
+        duration = float(times[-1] - times[0])
+        message = f"the trajectory lasts {duration:.3g} s, a sweep {sweep:.2g} s"
+        if duration > DURATION_RATIO * sweep:
+            return f"{message}: one sweep is made, from its beginning, and the rest is not used"
+        return f"{message}: the sensor stands still at its end" if DURATION_RATIO * duration < sweep else ""
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotations (n, 3, 3) and positions (n, 3) at some times (n,), in the sensor's frame at time 0."""
+        """Return rotations (n, 3, 3) and positions (n, 3) at times (n,), in the sensor's frame at time 0."""
         if self.trajectory is not None:
             return self._along(times)
         rate, (forward, left, up) = np.radians(self.turn), np.asarray(self.velocity)
@@ -94,11 +94,11 @@ class Motion:
 
     def _along(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         rows = np.asarray(self.trajectory)
-        at, places, turned = rows[:, 0] - rows[0, 0], rows[:, 1:4], rows[:, 4:]
+        at, points, turned = rows[:, 0] - rows[0, 0], rows[:, 1:4], rows[:, 4:]
         where = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(len(at) - 2, 0))
         after = np.minimum(where + 1, len(at) - 1)
         share = np.clip((times - at[where]) / np.maximum(at[after] - at[where], 1e-300), 0.0, 1.0)[:, None]
-        positions = places[where] * (1.0 - share) + places[after] * share
+        positions = points[where] * (1.0 - share) + points[after] * share
         first, last = turned[where], turned[after]
         cosine = np.einsum("ij,ij->i", first, last)[:, None]
         last, cosine = np.where(cosine < 0.0, -last, last), np.minimum(np.abs(cosine), 1.0)
@@ -110,10 +110,10 @@ class Motion:
         )
         quaternions = np.concatenate([turned[:1], weights[0] * first + weights[1] * last])
         rotations = rotations_of(unit_quaternions(quaternions))
-        return np.asarray(rotations[0].T @ rotations[1:]), np.asarray((positions - places[0]) @ rotations[0])
+        return np.asarray(rotations[0].T @ rotations[1:]), np.asarray((positions - points[0]) @ rotations[0])
 
     def applied(self, rays: Rays) -> Rays:
-        """Return rays as they are cast by the moving sensor, in its frame at time 0."""
+        """Return the rays of the moving sensor, in its frame at time 0."""
         rotations, positions = self.poses(np.zeros(len(rays)) if rays.times is None else rays.times)
         directions = np.einsum("nij,nj->ni", rotations, rays.directions)
         if rays.origins is not None:
@@ -122,7 +122,7 @@ class Motion:
 
 
 def _fault(rows: FloatArray) -> str:
-    """Return what is wrong with the first bad row of a trajectory (m, 8); empty where none is."""
+    """Return what is wrong with the first bad row of a trajectory (m, 8), or ""."""
     for bad, must in (
         (~np.isfinite(rows).all(axis=1), "be finite numbers"),
         (np.append(False, np.diff(rows[:, 0]) <= 0.0), "have a later time than the row before"),
@@ -135,12 +135,12 @@ def _fault(rows: FloatArray) -> str:
 
 
 def read_trajectory(path: str | Path) -> FloatArray:
-    """Read a trajectory (m, 8) as the TUM benchmark has it: lines of t x y z qx qy qz qw; # begins a comment.
+    """Read a trajectory (m, 8) in the format of the TUM benchmark: lines of t x y z qx qy qz qw; # begins a comment.
 
     Raises
     ------
     DatasetError
-        Not readable, or lines of other numbers, or not what `Motion` takes.
+        The file cannot be read, or is not what `Motion` takes.
 
     Examples
     --------

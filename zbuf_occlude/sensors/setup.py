@@ -1,4 +1,4 @@
-"""How scans are to be made: sensor, range, size, scene, what is kept; checked once, and plain data for plans."""
+"""Configuration of scans: sensor, range, size, scene, points kept. Validated once; plain data for plans."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -19,50 +19,49 @@ from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import find_method
 
 SURFACE = "surface"
-"""The word for no sensor: points sampled uniformly over the visible surface."""
+"""Name of no sensor: points sampled uniformly over the visible surface."""
 KEEPS = ("target", "box", "all")
-ADDED = ("transparent", "motion")
-"""Fields of a setup that plans did not always have."""
-DISTURBANCES = {"shift": 0.0, "rotate": False, "scale": False}
-"""How a box that is kept may be disturbed, as ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
+"""Values of `ScanConfig.keep`, without the perturbations of a box."""
+PERTURBATIONS = {"shift": 0.0, "rotate": False, "scale": False}
+"""Perturbations of a box that is kept, with their defaults. ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
 
 
 @dataclass(frozen=True)
 class ScanConfig:
-    """How scans are made. Everything in it is plain data, so that a plan can keep it.
+    """The configuration of scans. All fields are plain data, so that a plan can store them.
 
     Parameters
     ----------
     sensor : mapping
         As `Sensor.to_dict()`.
     range : (float, float), float, or None
-        Metres from the sensor to the middle of the target, drawn from between; on the ground where there is one. None:
-        as far as the views say, in multiples of the target's size.
+        Metres from the sensor to the centre of the target (along the ground where there is one), drawn uniformly from
+        two bounds. None: the distance of the view, in multiples of the target's size.
     size : mapping of class to metres, metres, or "file"
         Longest sides (`zbuf_occlude.scenes.sizes.sizes_of`).
     scene : str
         A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
-        Of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`); it has a ground.
+        Objects of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`), which has a ground.
     hidden : (float, float), float, or None
-        Share of the target that others hide, drawn from between; None: the scene's own.
+        Share of the target that others hide, drawn uniformly from two bounds. None: the scene's default.
     keep : str
-        "target", "all", or "box" with how it is disturbed, ``box:shift=.5,rotate,scale``.
+        "target", "all", or "box" with its perturbations, ``box:shift=.5,rotate,scale``.
     keep_clean : bool
         Keep the ranges without noise too.
     sensor_height : float or None
-        Metres of a LiDAR above the ground; None: the scene's own. Cameras stand where the views say.
+        Height of a LiDAR above the ground, metres. None: the scene's default. Cameras have the poses of the views.
     method : str
-        Who casts the rays.
+        Ray caster.
     transparent : mapping of str to float or None
-        Materials that let light pass, by name, which may have ``*``, and its share; None: the file's own share.
+        Share of light that materials let pass, by name, which may contain ``*``. None: the file's own share.
     motion : mapping or None
-        How the sensor moves while it scans: what `Motion` takes.
+        Motion of the sensor during a scan: the arguments of `Motion`.
 
     Raises
     ------
     OptionError
-        A value out of range, or not one of those there are.
+        A value out of range, or an unknown name.
     """
 
     sensor: Mapping[str, Any]
@@ -81,13 +80,20 @@ class ScanConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
         for name, span in (("range", self.range), ("hidden", self.hidden)):
-            if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # of a plan as they are
+            if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # a plan's stay as they are
                 object.__setattr__(self, name, span_of(f"--{name}", span))
         for name, word in (("scene", self.scene), ("keep", self.keep), ("method", self.method)):
             if not isinstance(word, str):
                 raise OptionError(f"{name} must be a word; got {shown(word)}.")
         as_flag(self.keep_clean, "keep_clean")
         find_method(self.method)
+        self._check_spans()
+        self._check_sensor_height()
+        self._check_transparent()
+        self._check_motion()
+        _ = self.kind, self.box  # for their errors
+
+    def _check_spans(self) -> None:
         if self.range is not None and not 0.0 < self.range[0] <= self.range[1] < np.inf:
             raise OptionError(f"--range must be metres above 0, A or A..B with A <= B; got {_shown(self.range)}.")
         if self.hidden is not None:
@@ -96,18 +102,23 @@ class ScanConfig:
             if self.hidden[1] > 0.0 and self.kind.share is None:
                 names = ", ".join(kind.name for kind in KINDS if kind.share is not None)
                 raise OptionError(f"--hidden needs a scene that can hide: {names}; got --scene {self.scene}.")
-        if self.sensor_height is not None and not (
-            self.kind.sensor_height is not None and _is_number(self.sensor_height) and 0.0 < self.sensor_height < np.inf
-        ):
+
+    def _check_sensor_height(self) -> None:
+        if self.sensor_height is None:
+            return
+        has_ground = self.kind.sensor_height is not None
+        if not (has_ground and _is_number(self.sensor_height) and 0.0 < self.sensor_height < np.inf):
             raise OptionError(
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
-                f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {shown(self.sensor_height)}."
+                f"{'has' if has_ground else 'lacks'}; got {shown(self.sensor_height)}."
             )
-        if self.sensor_height is not None and self.sensor_model.is_camera:
+        if self.sensor_model.is_camera:
             raise OptionError(
-                f"--sensor-height must be of a LiDAR above the ground; {self.sensor_model.name} is a camera, which is "
-                "where --views (or --elevation) and --range say. Leave it out."
+                f"--sensor-height is for a LiDAR above the ground; {self.sensor_model.name} is a camera, placed by "
+                "--views (or --elevation) and --range. Leave it out."
             )
+
+    def _check_transparent(self) -> None:
         if not isinstance(self.transparent, Mapping):
             raise ArgumentError(
                 f"transparent must be a mapping of names to shares; got {type(self.transparent).__name__}."
@@ -117,21 +128,25 @@ class ScanConfig:
                 raise OptionError(
                     f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {shown(name)}={shown(share)}."
                 )
-        if self.motion_model is not None and len(self.sensor_model.imperfections.second_eyes):
+
+    def _check_motion(self) -> None:
+        if self.motion_model is None:
+            return
+        if len(self.sensor_model.noise_model.baselines):
             raise OptionError(
-                f"a sensor that moves must have one eye; {self.sensor_model.name} has more. Or --set-sensor baseline=0."
+                f"a sensor that moves must have no second camera; {self.sensor_model.name} has one. Or give "
+                "--set-sensor baseline=0."
             )
-        if self.motion_model is not None and self.sensor_model.untimed:
-            raise OptionError(self.sensor_model.untimed)
-        _ = self.kind, self.box  # read for their errors
+        if self.sensor_model.no_motion_reason:
+            raise OptionError(self.sensor_model.no_motion_reason)
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields as plain data; what there was not always only where it is given, so that older plans are equal."""
-        return {name: value for name, value in asdict(self).items() if name not in ADDED or value}
+        """Return the fields as plain data."""
+        return asdict(self)
 
     @cached_property
     def kind(self) -> Kind:
-        """The scene's row; a file's stands on a ground."""
+        """The row of the scene's kind; a scene from a file is of kind "ground"."""
         return find_row("scene", "ground" if self.scene == "file" else self.scene, KINDS)
 
     @cached_property
@@ -141,22 +156,22 @@ class ScanConfig:
 
     @cached_property
     def motion_model(self) -> Motion | None:
-        """How the sensor moves; None where it stands still."""
+        """Motion of the sensor; None where it does not move."""
         if not isinstance(self.motion, Mapping | None):
-            raise ArgumentError(f"motion must be a mapping of what Motion takes; got {type(self.motion).__name__}.")
+            raise ArgumentError(f"motion must be a mapping of Motion's arguments; got {type(self.motion).__name__}.")
         for name in self.motion or ():
             check_choice("a key of motion", name, [each.name for each in fields(Motion)])
         return None if self.motion is None else Motion(**self.motion)
 
     @property
     def takes_time(self) -> bool:
-        """Whether it matters when a ray is cast: the sensor moves, or an object does."""
+        """True where the time of a ray matters: the sensor moves, or an object does."""
         return self.motion is not None or any({"velocity", "turn"} & set(each) for each in self.objects)
 
     def sensor_of(self, views: Views, view: int) -> Sensor:
-        """Return the sensor of a view: a pinhole has the picture that cameras of a file have, and its pixels."""
+        """Return the sensor of a view; a pinhole takes the intrinsics and the image size of a file's camera."""
         sensor = self.sensor_model
-        if views.windows is None or sensor.kind != "pinhole":
+        if views.fov_bounds is None or sensor.kind != "pinhole":
             return sensor
         width, height = sensor.pattern["width"], sensor.pattern["height"]
         if views.sizes is not None:
@@ -166,10 +181,10 @@ class ScanConfig:
 
     @cached_property
     def box(self) -> dict[str, Any] | None:
-        """How the box that is kept is disturbed; None where none is."""
+        """Perturbations of the box that is kept; None where no box is kept."""
         word, _, rest = self.keep.partition(":")
         check_choice("keep", word, KEEPS)
-        given: dict[str, Any] = dict(DISTURBANCES)
+        given: dict[str, Any] = dict(PERTURBATIONS)
         for part in filter(None, rest.split(",")):
             match = re.fullmatch(r"(rotate|scale)|shift=(\d*\.?\d+)", part.strip())
             if match is None or word != "box":
@@ -179,34 +194,34 @@ class ScanConfig:
 
     @property
     def share(self) -> Sequence[float] | None:
-        """Of the target to be hidden: the range asked for, or the scene's own; None where nothing is put before it."""
+        """Bounds of the target's hidden share: those given, else the scene's; None where nothing hides the target."""
         return self.kind.share if self.hidden is None or self.kind.share is None else self.hidden
 
     @property
     def is_level(self) -> bool:
-        """Whether the sensor stands level: a LiDAR that spins, over a ground."""
+        """True for a spinning LiDAR above a ground: it stands level."""
         return self.height is not None and self.sensor_model.kind == "spinning"
 
     @property
     def most_objects(self) -> int:
-        """Objects of a scene, at most."""
+        """Maximum number of objects in a scene."""
         return self.kind.most + len(self.objects)
 
     @property
     def height(self) -> float | None:
-        """Of a LiDAR above the ground, metres; None of cameras, and where there is no ground."""
+        """Height of a LiDAR above the ground, metres; None for cameras, and where there is no ground."""
         if self.sensor_model.is_camera:
             return None
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
 
 
 def span_of(name: str, value: Any) -> tuple[float, float]:
-    """Read ``A`` or ``A..B`` as a person types it, or a number or two as Python has them.
+    """Return two numbers from the text ``A`` or ``A..B``, from one number, or from two.
 
     Raises
     ------
     OptionError
-        None of these; the message has `name`.
+        `value` is none of these; the message contains `name`.
     """
     try:
         if isinstance(value, str):

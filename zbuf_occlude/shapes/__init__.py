@@ -4,12 +4,12 @@
     shapes.make("chair", 7)             one member of a family, a Mesh
     shapes.collection()                 all 600 as a MeshCollection, nothing built yet
     shapes.road_user("truck", (8, 2.5, 3))    people, cyclists, trucks, buses as large as a box
-    shapes.traffic.collection()         cars, vans, trucks, buses, cyclists, pedestrians, of drawn sizes
-    shapes.solids.icosphere(4)          solids whose visible part is known in closed form
-    shapes.formulas.make("torus")       the paper's Fig. 9 kind of objects, from formulas
+    shapes.traffic.collection()         cars, vans, trucks, buses, cyclists, pedestrians, of random sizes
+    shapes.solids.icosphere(4)          a sphere; and a box
+    shapes.formulas.make("torus")       surfaces given by formulas, such as the paper's Fig. 9
     shapes.benchmark_mesh(45_000)       a mesh of a chosen number of faces
 
-Everything is computed from numbers alone: the same arguments give the same bytes.
+Shapes are computed, not stored: the same arguments give the same bytes.
 """
 
 from zbuf_occlude.shapes import formulas, solids, traffic

@@ -1,4 +1,4 @@
-"""Airplanes: airliners, business jets, light ones, gliders, biplanes, turboprops; the table of all styles."""
+"""Airplanes: airliners, business jets, light aircraft, gliders, biplanes, turboprops; the table of all styles."""
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def _airliner(draw: Draw) -> MeshPart:
 
 
 def _business(draw: Draw) -> MeshPart:
-    """Jets beside the tail; the tailplane high."""
+    """Jets beside the tail and a high tailplane."""
     r, half = draw.between(0.042, 0.07), draw.between(0.36, 0.55)
     sweep, chord = draw.between(0.05, 0.65), draw.between(0.12, 0.21)
     y, rise, taper = -draw.between(-0.02, 0.12), draw.between(0.03, 0.1), draw.between(0.25, 0.5)
@@ -66,7 +66,7 @@ def _business(draw: Draw) -> MeshPart:
 
 
 def _light(draw: Draw) -> MeshPart:
-    """One propeller in front; high wing with struts, or low wing; wheels or floats."""
+    """One propeller in front; a high wing with struts or a low wing; wheels or floats."""
     r, high, cabin = draw.between(0.055, 0.09), draw.chance(0.55), draw.between(1.1, 1.6)
     rows = [
         (0.02, 0.6, 0.6, 0.0), (0.08, 0.85, 0.8, 0.0), (0.2, 1.0, 0.95, 0.05), (0.32, 1.0, cabin, 0.25),
@@ -96,7 +96,7 @@ def _light(draw: Draw) -> MeshPart:
 
 
 def _biplane(draw: Draw) -> MeshPart:
-    """Two or three wings over each other, with struts."""
+    """Two or three wings above each other, with struts."""
     r = draw.between(0.05, 0.09)
     rows = [
         (0.0, 0.7, 0.7, 0.0), (0.07, 0.95, 0.95, 0.0), (0.25, 0.95, 1.0, 0.0), (0.5, 0.8, 0.95, 0.05),
@@ -140,7 +140,7 @@ def _glider(draw: Draw) -> MeshPart:
     parts.append(canopy(draw, -0.32, 0.5 * r, 0.6 * r, 0.25, 0.75 * r))
     if draw.chance(0.5):
         parts.append(wing.winglets(draw))
-    if draw.chance(0.3):  # struts, as trainers have
+    if draw.chance(0.3):  # struts, as on trainers
         parts.append(pair(bar((0.5 * r, wing.y + 0.05, -0.6 * r), wing.edge(0.35, 0.05), 0.012, 0.006)))
     return join(parts)
 
@@ -172,7 +172,7 @@ def _turboprop(draw: Draw) -> MeshPart:
 
 
 def _canard(draw: Draw) -> MeshPart:
-    """Home-built: the small wing in front, the propeller behind."""
+    """A home-built airplane: the small wing in front, the propeller behind."""
     r, half, chord = draw.between(0.06, 0.09), draw.between(0.6, 0.9), draw.between(0.16, 0.24)
     rows = [
         (0, 0.2, 0.2, -0.1), (0.15, 0.7, 0.7, 0), (0.4, 1.0, 1.15, 0.15), (0.65, 0.95, 1.0, 0.1), (0.9, 0.6, 0.6, 0),

@@ -1,4 +1,4 @@
-"""Airplanes that serve in air forces: fighters old and new, deltas, flying wings, bombers, drones."""
+"""Military airplanes: old and new fighters, deltas, flying wings, bombers, drones."""
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def warbird(draw: Draw) -> MeshPart:
 
 
 def fighter(draw: Draw) -> MeshPart:
-    """Return a jet of today: one or two engines in the body, one or two fins, missiles."""
+    """Return a modern jet fighter: one or two engines in the body, one or two fins, missiles."""
     r, twin = draw.between(0.04, 0.062), draw.chance(0.5)
     wide = r * (draw.between(1.3, 1.9) if twin else 1.05)
     rows = [
@@ -100,7 +100,7 @@ def fighter(draw: Draw) -> MeshPart:
 
 
 def delta(draw: Draw) -> MeshPart:
-    """Return a triangle behind a needle: an interceptor, a supersonic liner, a shuttle."""
+    """Return an airplane with a delta wing: an interceptor, a supersonic airliner, a shuttle."""
     kind = draw.pick(("fighter", "liner", "shuttle"))
     r = {"fighter": 0.05, "liner": 0.03, "shuttle": 0.08}[kind] * draw.between(0.75, 1.3)
     half = {"fighter": 0.29, "liner": 0.22, "shuttle": 0.33}[kind] * draw.between(0.75, 1.35)
@@ -136,7 +136,7 @@ def delta(draw: Draw) -> MeshPart:
 
 
 def flying_wing(draw: Draw) -> MeshPart:
-    """Return one with no body or hardly one."""
+    """Return a flying wing, with a small body or none."""
     chord, sweep = draw.between(0.42, 0.8), draw.between(0.3, 0.9)
     rise, taper = draw.between(0.0, 0.07), draw.between(0.1, 0.35)
     wing = Wing(-0.4 * chord, 0, 1.0, sweep, rise, chord, taper, draw.between(0.06, 0.13))
@@ -165,7 +165,7 @@ def flying_wing(draw: Draw) -> MeshPart:
 
 
 def twin_boom(draw: Draw) -> MeshPart:
-    """Return two tails joined by a plane, with a pod between."""
+    """Return an airplane with two tail booms joined by a tailplane, and a pod between them."""
     half, x, r = draw.between(0.5, 0.85), draw.between(0.13, 0.25), draw.between(0.03, 0.055)
     pusher, chord = draw.chance(0.4), draw.between(0.14, 0.25)
     rows = [(0, 0.4, 0.4, 0), (0.08, 0.9, 0.9, 0), (0.25, 1.0, 1.1, 0), (0.6, 0.6, 0.6, 0.1), (1, 0.2, 0.3, 0.2)]
@@ -191,7 +191,7 @@ def twin_boom(draw: Draw) -> MeshPart:
 
 
 def bomber(draw: Draw) -> MeshPart:
-    """Return long thin wings with jets in pods, or pistons and turrets."""
+    """Return a bomber with long thin wings: jets in pods, or piston engines and turrets."""
     r, half = draw.between(0.034, 0.055), draw.between(0.48, 0.75)
     if draw.chance(0.5):
         y, z = -draw.between(0.1, 0.2), draw.pick((-0.6, 0.7)) * r
@@ -222,7 +222,7 @@ def bomber(draw: Draw) -> MeshPart:
 
 
 def drone(draw: Draw) -> MeshPart:
-    """Return a slim unmanned one with a V tail, or a frame under a sail."""
+    """Return a slim unmanned airplane with a V tail, or a frame under a sail."""
     if draw.chance(0.6):
         r = draw.between(0.04, 0.06)
         rows = [

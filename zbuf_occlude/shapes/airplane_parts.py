@@ -1,4 +1,4 @@
-"""What airplanes are made of: bodies, wings, tails, engines, wheels. Nose towards -y; the body is about 1 long."""
+"""Parts of airplanes: bodies, wings, tails, engines, wheels. Nose towards -y; the body is about 1 long."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from zbuf_occlude.shapes.kit import MeshPart, Point, around, boxes, ellipsoid, j
 
 
 def fuselage(draw: Draw, stations: ArrayLike, r: float = 1.0, length: float = 1.0, power: float = 2.0) -> MeshPart:
-    """Return a body from rows of (fraction of the length from the nose, half width, half height, middle's height).
+    """Return a body from rows of (fraction of the length from the nose, half width, half height, height of the middle).
 
-    All but the fractions are multiples of `r`.
+    The other columns are multiples of `r`.
     """
     rows = smooth(np.asarray(stations) * (1, r, r, r), draw.round(26))
     n = draw.round(18)
@@ -28,7 +28,7 @@ def fuselage(draw: Draw, stations: ArrayLike, r: float = 1.0, length: float = 1.
 
 
 def airliner_body(draw: Draw, r: float, *, upsweep: float = 0.6, droop: float = 0.15) -> MeshPart:
-    """Return a tube of radius r with a blunt nose and a tail drawn up."""
+    """Return a tube of radius r with a blunt nose and an upswept tail."""
     tall, nose, start = draw.between(0.9, 1.2), draw.between(0.07, 0.16), draw.between(0.58, 0.7)
     rows = [
         (0.0, 0.03, 0.03, -droop), (0.25 * nose, 0.5, 0.45, -0.7 * droop), (0.6 * nose, 0.85, 0.8 * tall, 0.0),
@@ -68,7 +68,7 @@ def panel(
     section = foil(thick, n)
     rings = edge[:, None].repeat(len(section), axis=1)
     rings[..., 1] += chord[:, None] * section[:, 0]
-    # the thickness stands across the span
+    # the thickness is perpendicular to the span
     span = (b - a) * (1, 0, 1)
     up = np.array([-span[2], 0.0, span[0]]) / np.linalg.norm(span)
     rings += (chord[:, None] * section[:, 1])[..., None] * up
@@ -77,7 +77,7 @@ def panel(
 
 @dataclass(frozen=True)
 class Wing:
-    """A pair of wings: the root's leading edge at (0, y, z), `half` the span, slopes back and up, chords."""
+    """A pair of wings: the root's leading edge is at (0, y, z); `half` is half the span; slopes back and up; chords."""
 
     y: float
     z: float

@@ -28,7 +28,7 @@ from zbuf_occlude.shapes.kit import (
 HEADS = ("panel", "panel", "arched", "slats", "metal", "tufted", "framed")
 
 
-# ---- what lies on a bed ------------------------------------------------------------------------------------------
+# ---- bedding ------------------------------------------------------------------------------------------------------
 
 
 def pillows(draw: Draw, w: float, d: float, z: float) -> MeshPart:
@@ -47,7 +47,7 @@ def pillows(draw: Draw, w: float, d: float, z: float) -> MeshPart:
 
 
 def blanket(draw: Draw, w: float, d: float, z: float, drop: float) -> MeshPart:
-    """Return a cover that lies on a mattress and hangs over its sides in folds: one open sheet just above it."""
+    """Return a cover on a mattress that hangs over its sides in folds: one open sheet just above the mattress."""
     fold, waves, reach, off = draw.between(0.0, 0.03), draw.between(4, 14), draw.between(0.45, 0.85), 0.012
     y = np.linspace(-d / 2 - off, -d / 2 + reach * d, draw.round(22))
     side = w / 2 + off
@@ -63,7 +63,7 @@ def blanket(draw: Draw, w: float, d: float, z: float, drop: float) -> MeshPart:
 
 
 def mattress(draw: Draw, w: float, d: float, z: float, high: float) -> MeshPart:
-    """Return a mattress from z upwards with pillows, a cover or a folded throw, as it comes."""
+    """Return a mattress from z upwards with random pillows, cover or folded throw."""
     edge, steps = draw.between(0.02, 0.08), draw.whole(1, 4)
     parts = [cuboid((-w / 2, -d / 2, z), (w / 2, d / 2, z + high), edge, steps)]
     if draw.chance(0.85):
@@ -185,7 +185,7 @@ def _panelled(draw: Draw) -> MeshPart:
 
 
 def _platform(draw: Draw) -> MeshPart:
-    """Low and flat; the deck may stand out all around, the head may be a wide wall."""
+    """A low flat bed; the deck may extend on all sides, the head may be a wide wall."""
     w, d = size(draw)
     z, out, x, y = draw.between(0.1, 0.35), draw.between(0.02, 0.35), w / 2, d / 2
     deck = cuboid((-x - out, -y - out, z - 0.08), (x + out, y + 0.02, z), edge=draw.pick((0.0, 0.02)))
@@ -240,7 +240,7 @@ def _four_poster(draw: Draw) -> MeshPart:
 
 
 def _bunk(draw: Draw) -> MeshPart:
-    """Two levels with a ladder; or a loft over a desk."""
+    """A bunk bed with a ladder, or a loft bed over a desk."""
     w, d, loft = draw.between(0.8, 1.4), draw.between(1.8, 2.15), draw.chance(0.35)
     low, high, t = draw.between(0.2, 0.5), draw.between(1.1, 1.7), draw.between(0.035, 0.1)
     top, x, y = high + draw.between(0.3, 0.55), w / 2, d / 2
@@ -278,7 +278,7 @@ def _bunk(draw: Draw) -> MeshPart:
 
 
 def _sleigh(draw: Draw) -> MeshPart:
-    """Head and foot roll outwards."""
+    """A bed whose head and foot roll outwards."""
     w, d = size(draw)
     z, h, n = draw.between(0.25, 0.48), draw.between(0.75, 1.4), draw.round(12)
 
@@ -312,7 +312,7 @@ def _divan(draw: Draw) -> MeshPart:
 
 
 def _daybed(draw: Draw) -> MeshPart:
-    """Boards on three sides, cushions, bolsters; half a sofa."""
+    """A daybed with boards on three sides, cushions and bolsters."""
     w, d, z, h = draw.between(0.75, 1.15), draw.between(1.75, 2.2), draw.between(0.22, 0.45), draw.between(0.55, 1.05)
     kind = draw.pick(("slats", "panel", "metal", "arched", "framed"))
     ends = board(draw, kind, w, h)
@@ -332,7 +332,7 @@ def _daybed(draw: Draw) -> MeshPart:
 
 
 def _suite(draw: Draw) -> MeshPart:
-    """A bed with bedside tables, lamps and a bench, as ModelNet has them in one file."""
+    """A bed with bedside tables, lamps and a bench, as in some files of ModelNet."""
     w, d = size(draw)
     z, y = draw.between(0.2, 0.45), d / 2
     parts = [base(draw, w, d, z, 0.12), mattress(draw, w - 0.04, d - 0.04, z, draw.between(0.14, 0.34))]
@@ -356,7 +356,7 @@ def _suite(draw: Draw) -> MeshPart:
 
 
 def _round_bed(draw: Draw) -> MeshPart:
-    """A disc or a pebble with a curved wall behind it."""
+    """A round or oval bed with a curved wall behind it."""
     r, z, n = draw.between(0.85, 1.25), draw.between(0.15, 0.45), draw.round(36)
     high, deck = draw.between(0.1, 0.4), r * draw.between(1.0, 1.5)
     oval, power = draw.pick((1.0, draw.between(1.0, 1.35))), draw.pick((2.0, 2.0, 4.0))
@@ -373,7 +373,7 @@ def _round_bed(draw: Draw) -> MeshPart:
 
 
 def _crib(draw: Draw) -> MeshPart:
-    """Rails all around."""
+    """A crib with rails on all sides."""
     w, d, z, h = draw.between(0.55, 0.85), draw.between(1.05, 1.5), draw.between(0.2, 0.55), draw.between(0.75, 1.15)
     rails = [cuboid((-d / 2, -0.012, low), (d / 2, 0.012, low + 0.05)) for low in (z - 0.08, h - 0.04)]
     spots = np.linspace(-d / 2, d / 2, draw.whole(9, 18))[1:-1]
@@ -381,7 +381,7 @@ def _crib(draw: Draw) -> MeshPart:
     head = board(draw, draw.pick(("slats", "panel", "arched")), w, h + draw.between(0.0, 0.2))
     side = join([*rails, rods]).turned("z", 90)
     parts = [pair(side.at(w / 2)), head.at(y=d / 2), head.at(y=-d / 2), mattress(draw, w - 0.04, d - 0.04, z, 0.1)]
-    if draw.chance(0.3):  # it rocks
+    if draw.chance(0.3):  # a rocking crib
         y = np.linspace(-0.4, 0.4, draw.round(10))
         runner = tube(np.stack([y, 0 * y, 0.3 * y**2], axis=1), 0.025, 6)
         return join([part.at(z=0.04) for part in parts] + [pair(runner.at(y=d / 2), "y")])
@@ -389,7 +389,7 @@ def _crib(draw: Draw) -> MeshPart:
 
 
 def _hospital(draw: Draw) -> MeshPart:
-    """The back raised, rails at the sides, wheels."""
+    """A hospital bed with a raised back, rails at the sides, and wheels."""
     w, d, z, lift = draw.between(0.8, 1.05), draw.between(1.9, 2.2), draw.between(0.4, 0.75), draw.between(5, 60)
     x, y, hinge = w / 2, d / 2, draw.between(-0.1, 0.3)
     lying = cuboid((-x, -y, z), (x, hinge, z + 0.14), edge=0.03, steps=2)

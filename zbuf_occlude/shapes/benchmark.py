@@ -1,4 +1,4 @@
-"""Meshes of a chosen number of faces, to measure time and error with."""
+"""Meshes of a chosen number of faces, for measurements of time and error."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,15 @@ _DETAILS = (0.55, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)
 
 
 def benchmark_mesh(n_faces: int, label: str = "airplane", index: int = 0) -> Mesh:
-    """Build a member of a family with a chosen number of faces, all of them small.
+    """Return a member of a family with a chosen number of faces, all of them small.
 
-    The member is tessellated finely, to at most half of `n_faces`, then its longest edges are halved until the
-    number is reached: large flat faces become many small ones, the surface stays.
+    The member is tessellated finely, to at most half of `n_faces`. Then its longest edges are halved until the number
+    is reached: large flat faces become many small ones, and the surface stays.
 
     Parameters
     ----------
     n_faces : int
-        From the member's coarsest form (some hundreds to thousands) to many millions.
+        Number of faces: at least that of the member's coarsest tessellation (hundreds to thousands).
     label, index
         As in `make`.
 
@@ -46,7 +46,7 @@ def benchmark_mesh(n_faces: int, label: str = "airplane", index: int = 0) -> Mes
 
 
 def soup(n_faces: int, size: float = 0.1, seed: int = 0) -> Mesh:
-    """Return random triangles in a unit cube, about `size` long: everything crosses everything."""
+    """Return random triangles in a unit cube, about `size` long, most of which intersect."""
     check_int("n_faces", n_faces, 1)
     rng = np.random.default_rng(seed)
     corners = rng.random((n_faces, 1, 3)) + rng.normal(scale=size / 2, size=(n_faces, 3, 3))
@@ -55,12 +55,12 @@ def soup(n_faces: int, size: float = 0.1, seed: int = 0) -> Mesh:
 
 
 def refined(mesh: Mesh, n_faces: int) -> Mesh:
-    """Halve the longest edges of a mesh until it has between ``n_faces - 8`` and `n_faces` faces.
+    """Return a mesh whose longest edges are halved until it has between ``n_faces - 8`` and `n_faces` faces.
 
-    Both faces at an edge are divided at the same midpoint, also where files give each face its own vertices,
-    so no gap opens. The surface stays.
+    Both faces at an edge are divided at the same midpoint, even where each face has its own vertices: no gap opens and
+    the surface stays.
     """
-    # faces that meet at a position must know of each other: equal positions become one vertex
+    # equal positions become one vertex, so that faces at an edge share it
     points, which = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)
     faces: Indices = which.reshape(-1)[mesh.faces].astype(np.int64)
     while True:
@@ -82,18 +82,18 @@ def refined(mesh: Mesh, n_faces: int) -> Mesh:
 
 
 def with_vertices(mesh: Mesh, n_vertices: int) -> Mesh:
-    """Give corners vertices of their own until a mesh has `n_vertices`, as files do that repeat shared positions.
+    """Return a mesh in which corners have their own vertices until there are `n_vertices`, as in files without sharing.
 
     Parameters
     ----------
     mesh : Mesh
     n_vertices : int
-        Between the vertices that the mesh's faces use and three a face.
+        Number of vertices: at least those that the mesh's faces use, at most three per face.
 
     Returns
     -------
     Mesh
-        The same faces in the same places; vertices that no face uses are gone.
+        The same faces at the same positions, without vertices that no face uses.
 
     Raises
     ------
@@ -113,9 +113,9 @@ def with_vertices(mesh: Mesh, n_vertices: int) -> Mesh:
 
 
 def _divided(faces: Indices, middles: Indices) -> Indices:
-    """Divide faces (f, 3) at the midpoints given for their edges ab, bc, ca, (f, 3), -1 where an edge stays whole."""
+    """Return faces (f, 3) divided at midpoints of their edges ab, bc, ca, (f, 3); -1 for an undivided edge."""
     count = (middles >= 0).sum(axis=1)
-    # turn each face so that one halved edge comes first, and a single whole edge last
+    # rotate each face so that one halved edge comes first, and a single whole edge last
     first = np.where(count == 2, np.argmin(middles, axis=1) + 1, np.argmax(middles >= 0, axis=1)) % 3
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces, turn, axis=1).T

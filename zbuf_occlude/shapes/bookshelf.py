@@ -33,12 +33,12 @@ Corner = tuple[float, float, float]
 
 
 def book_fill(draw: Draw) -> float:
-    """Return how full a whole shelf is: empty, half, full."""
+    """Return a random fill level of a whole shelf: empty, half, full."""
     return draw.pick((0.0, draw.between(0.2, 0.6), draw.between(0.7, 1.0)))
 
 
 def contents(draw: Draw, low: Corner, high: Corner, odds: float) -> list[MeshPart]:
-    """Return what stands in one compartment, with some odds: books, a vase, a box."""
+    """Return the random contents of one compartment: books, a vase, a box."""
     if not draw.chance(odds):
         return []
     (x0, y0, z0), (x1, y1, z1) = low, high
@@ -70,10 +70,10 @@ def case(
     odds: float,
     back: float,
 ) -> MeshPart:
-    """Return sides, boards, upright walls, perhaps a back, and what stands in it.
+    """Return sides, boards, upright walls, perhaps a back, and the contents.
 
-    `plan` is width and depth, `span` the heights of bottom and top, `odds` those of a compartment being filled,
-    `back` those of a back: thin plywood, or one sheet without thickness.
+    `plan` is width and depth, `span` the heights of bottom and top. `odds` is the probability that a compartment is
+    filled, `back` that of a back: thin plywood, or one sheet without thickness.
     """
     (w, d), (z0, z1) = plan, span
     x, y, t = w / 2, d / 2, thick
@@ -119,7 +119,7 @@ def _plain(draw: Draw) -> MeshPart:
 
 
 def _classic(draw: Draw) -> MeshPart:
-    """Cornice above, plinth below, pilasters beside; a pediment at times."""
+    """A case with a cornice, a plinth, pilasters and sometimes a pediment."""
     w, d, h = draw.between(0.7, 2.2), draw.between(0.26, 0.48), draw.between(1.5, 2.5)
     t, foot, x, y = draw.between(0.02, 0.045), draw.between(0.06, 0.2), w / 2, d / 2
     parts = [case(draw, (w, d), (foot, h), t, draw.whole(1, 4), draw.whole(3, 7), book_fill(draw), 0.9)]
@@ -155,7 +155,7 @@ def _doored(draw: Draw) -> MeshPart:
         parts.append(doors(draw, corner, end, bays * 2))
     else:
         parts.append(drawers(draw, corner, end, draw.whole(2, 4), bays))
-    if draw.chance(0.35):  # doors above too, as of glass
+    if draw.chance(0.35):  # doors above too, as if of glass
         front = y - upper
         parts.append(doors(draw, (-x, front, low + t), (x, front + 0.1, h), bays * 2))
     return join(parts)
@@ -175,7 +175,7 @@ def _cubes(draw: Draw) -> MeshPart:
 
 
 def _low(draw: Draw) -> MeshPart:
-    """Wide and low, like a sideboard or a bench."""
+    """A wide low shelf, like a sideboard or a bench."""
     w, d, h, foot = draw.between(1.0, 2.5), draw.between(0.28, 0.48), draw.between(0.45, 1.1), draw.between(0.04, 0.25)
     bays, shape = draw.whole(2, 5), draw.pick(("square", "conical", "tapered", "round"))
     parts = [case(draw, (w, d), (foot, h), draw.between(0.02, 0.05), bays, draw.whole(1, 3), book_fill(draw), 0.7)]
@@ -189,7 +189,7 @@ def _low(draw: Draw) -> MeshPart:
 
 
 def _ladder(draw: Draw) -> MeshPart:
-    """Leaning or A-shaped, shelves shrinking upwards."""
+    """A leaning or A-shaped shelf whose boards shrink upwards."""
     w, h, d, t = draw.between(0.4, 1.2), draw.between(1.2, 2.2), draw.between(0.32, 0.75), draw.between(0.02, 0.05)
     both, x, y = draw.chance(0.35), w / 2, d / 2
     head = 0.0 if both else y - draw.between(0.08, 0.2)
@@ -247,7 +247,7 @@ def _stairs(draw: Draw) -> MeshPart:
 
 
 def _corner(draw: Draw) -> MeshPart:
-    """Quarter-round or L-shaped, for a corner of the room."""
+    """A quarter-round or L-shaped shelf for a corner of the room."""
     h, t = draw.between(1.1, 2.2), draw.between(0.018, 0.035)
     if draw.chance(0.5):
         a, b, d, rows = draw.between(0.6, 1.5), draw.between(0.6, 1.5), draw.between(0.22, 0.38), draw.whole(3, 6)
@@ -266,7 +266,7 @@ def _corner(draw: Draw) -> MeshPart:
 
 
 def _tower(draw: Draw) -> MeshPart:
-    """Free-standing, looked at from all sides: a turning case, trays on a pole, a drum of books."""
+    """A free-standing shelf: a revolving case, trays on a pole, a drum of books."""
     h, rows = draw.between(0.8, 2.0), draw.whole(3, 6)
     if draw.chance(0.5):
         r, n, sides = draw.between(0.18, 0.42), draw.round(26), draw.pick((0, 4, 6))
@@ -287,7 +287,7 @@ def _tower(draw: Draw) -> MeshPart:
 
 
 def _zigzag(draw: Draw) -> MeshPart:
-    """Modern: slanted walls, zigzags, trees, honeycombs."""
+    """A modern shelf: slanted walls, zigzags, trees, honeycombs."""
     kind, t = draw.pick(("zigzag", "honeycomb", "tree", "slant")), draw.between(0.02, 0.045)
     d, h, w = draw.between(0.2, 0.4), draw.between(1.2, 2.2), draw.between(0.45, 1.3)
     if kind == "zigzag":
@@ -324,7 +324,7 @@ def _zigzag(draw: Draw) -> MeshPart:
 
 
 def _hung(draw: Draw) -> MeshPart:
-    """Boards or boxes on a wall, with brackets; the wall is not there."""
+    """Boards or boxes with brackets, for a wall that is not modelled."""
     d, t = draw.between(0.18, 0.34), draw.between(0.018, 0.055)
     w, gap = draw.between(0.5, 1.7), draw.between(0.25, 0.48)
     boxed, rails, count, y = draw.chance(0.35), draw.chance(0.5), draw.whole(2, 6), d / 2
@@ -343,7 +343,7 @@ def _hung(draw: Draw) -> MeshPart:
 
 
 def _curved(draw: Draw) -> MeshPart:
-    """An arch on top, bowed ends, one bent board, wavy sides."""
+    """A shelf with an arch, bowed ends, one bent board or wavy sides."""
     w, d, h = draw.between(0.5, 1.4), draw.between(0.22, 0.42), draw.between(1.2, 2.2)
     t, rows, n = draw.between(0.018, 0.04), draw.whole(3, 6), draw.round(12)
     kind = draw.pick(("arch", "ends", "bent", "wave"))

@@ -23,17 +23,17 @@ from zbuf_occlude.shapes.kit import (
 
 
 def round_corners(profile: ArrayLike, draw: Draw) -> FloatArray:
-    """Return a profile of (radius, z) corners with its corners rounded a little, as glass is."""
+    """Return a profile of (radius, z) rows with slightly rounded corners, as of glass."""
     return bent(profile, draw.between(0.03, 0.12), max(2, draw.round(5) - 2))
 
 
 def notched(count: int, depth: float) -> FloatArray:
-    """Return a circle whose every other point stands out by `depth`: ribs, teeth, flutes."""
+    """Return a circle whose every second point is `depth` farther out: ribs, teeth, flutes."""
     return circle(count) * np.where(np.arange(count) % 2, 1.0, 1.0 + depth)[:, None]
 
 
 def closure(draw: Draw, r: float, z: float, kind: str) -> MeshPart:
-    """Return what closes a neck of radius r whose mouth is at height z."""
+    """Return a closure for a neck of radius r whose mouth is at height z."""
     n = draw.round(20)
     if kind == "cork":
         return cylinder(0.92 * r, z - 0.2, z + draw.between(0.05, 0.3), n, r * draw.between(0.92, 1.2))
@@ -58,7 +58,7 @@ def closure(draw: Draw, r: float, z: float, kind: str) -> MeshPart:
 
 
 def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: FloatArray | None = None) -> MeshPart:
-    """Return a bottle from its profile: outer skin, sometimes inner skin and label, and one of the closures."""
+    """Return a bottle from its profile: the outer surface, sometimes the inner one and a label, and a closure."""
     n = draw.round(28)
     parts = [revolve(profile, n, section)]
     kind = draw.pick(closures)
@@ -69,12 +69,12 @@ def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: F
     if kind != "open":
         parts.append(closure(draw, float(profile[-1, 0]), float(profile[-1, 1]), kind))
     if section is None and draw.chance(0.4):
-        parts.append(label(draw, profile))
+        parts.append(paper_label(draw, profile))
     return join(parts)
 
 
-def label(draw: Draw, profile: FloatArray) -> MeshPart:
-    """Return paper around part of the belly: a second sheet just off the glass."""
+def paper_label(draw: Draw, profile: FloatArray) -> MeshPart:
+    """Return a label around part of the body: a second sheet just off the glass."""
     height = np.ptp(profile[:, 1])
     low = profile[:, 1].min() + draw.between(0.12, 0.25) * height
     z = np.linspace(low, low + draw.between(0.1, 0.28) * height, 6)
@@ -85,7 +85,7 @@ def label(draw: Draw, profile: FloatArray) -> MeshPart:
 
 
 def handle(draw: Draw, low: tuple[float, float], high: tuple[float, float], out: float, thick: float) -> MeshPart:
-    """Return an ear in the xz plane from the point (x, z) `low` to the point `high`, standing off by `out`."""
+    """Return a handle in the xz plane from the point (x, z) `low` to the point `high`, at most `out` away."""
     (x0, z0), (x1, z1) = low, high
     x = max(x0, x1) + out
     knots = [(x0 - 0.03, 0, z0), (x, 0, 0.6 * z0 + 0.4 * z1), (x, 0, 0.15 * z0 + 0.85 * z1), (x1 - 0.03, 0, z1)]
@@ -138,7 +138,7 @@ def _beer(draw: Draw) -> MeshPart:
 
 
 def _water(draw: Draw) -> MeshPart:
-    """Plastic with rings; the foot in petals; a canister for a cooler."""
+    """Plastic bottles with rings and a petaloid base; a canister for a cooler."""
     r, h, neck = draw.between(0.28, 0.75), draw.between(1.7, 3.4), draw.between(0.1, 0.22)
     z = np.linspace(0.25, draw.between(0.62, 0.78) * h, 2 * draw.round(24))
     rings, depth = draw.whole(2, 9), draw.between(0.01, 0.1)
@@ -158,7 +158,7 @@ def _water(draw: Draw) -> MeshPart:
     parts = [revolve(profile, n), loft(foot, caps="first"), collar]
     parts.append(closure(draw, neck, h, draw.pick(("screw", "screw", "cone", "flip"))))
     if draw.chance(0.4):
-        parts.append(label(draw, profile))
+        parts.append(paper_label(draw, profile))
     return join(parts)
 
 
@@ -222,7 +222,7 @@ def _bulb(draw: Draw) -> MeshPart:
 
 
 def _jug(draw: Draw) -> MeshPart:
-    """A gallon with an ear at the neck; an amphora with two; a ewer with a lip."""
+    """A gallon jug with a handle at the neck; an amphora with two; a ewer with a lip."""
     r, h, neck = draw.between(0.45, 0.9), draw.between(1.6, 3.0), draw.between(0.13, 0.3)
     kind = draw.pick(("gallon", "amphora", "ewer"))
     if kind == "gallon":
@@ -250,7 +250,7 @@ def _jug(draw: Draw) -> MeshPart:
 
 
 def _dispenser(draw: Draw) -> MeshPart:
-    """Soap and shampoo: a pump or a trigger on a body of any section."""
+    """Soap and shampoo: a pump or a trigger on a body of any cross-section."""
     wide, h, n, flat = draw.between(0.32, 0.72), draw.between(1.0, 2.4), draw.round(28), draw.between(0.45, 1.0)
     waist = draw.between(0.6, 0.85)
     body = draw.pick((
@@ -277,7 +277,7 @@ def _dispenser(draw: Draw) -> MeshPart:
 
 
 def _squeeze(draw: Draw) -> MeshPart:
-    """Ketchup, glue, mustard, lotion: soft bodies with a nozzle; standing on the cap at times."""
+    """Ketchup, glue, mustard, lotion: soft bodies with a nozzle, some of them on their cap."""
     wide, h, n, flat = draw.between(0.28, 0.65), draw.between(1.1, 2.5), draw.round(26), draw.between(0.35, 1.0)
     shoulder, neck = draw.between(0.6, 1.0), draw.between(0.25, 0.6)
     knots = [(0.0, 0.02), (0.9, 0.0), (1.0, 0.08), (draw.between(0.75, 1.25), 0.45)]
@@ -331,7 +331,7 @@ def _canister(draw: Draw) -> MeshPart:
 
 
 def _detergent(draw: Draw) -> MeshPart:
-    """A plastic can whose handle is part of it; a big cap off its middle."""
+    """A plastic can with an integral handle and a large cap off centre."""
     w, d, h, n = draw.between(0.8, 1.6), draw.between(0.4, 0.9), draw.between(1.3, 2.4), draw.round(28)
     s, aside = draw.between(0.4, 0.7), draw.between(0.0, 0.25)
     z = np.array([0, 0.06, s - 0.1, s + 0.05, 0.5 * s + 0.45, 0.92, 0.97])
@@ -351,7 +351,7 @@ def _detergent(draw: Draw) -> MeshPart:
 
 
 def _vial(draw: Draw) -> MeshPart:
-    """Scent and ink: a small throat on a low body, a stopper as large as the bottle likes."""
+    """Scent and ink: a small neck on a low body, with a stopper of any size."""
     r, h, n = draw.between(0.45, 0.9), draw.between(0.6, 1.3), draw.round(26)
     power = draw.pick((2.0, 2.0, 3.0, 6.0))
     body = draw.pick((

@@ -1,4 +1,4 @@
-"""The built-in collections as a table: their classes, how a member is made, and all members as a collection."""
+"""The table of built-in collections: their classes, the function that makes a member, and all members."""
 
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -16,16 +16,16 @@ class BuiltIn(NamedTuple):
     ----------
     name, summary : str
     root : str
-        What its keys begin with.
+        Beginning of all keys.
     classes : tuple of str
     n_members : int
-        Members of each class; of the first two there are more, by their number.
+        Members of each class in the collection; `make` of the first two takes any number.
     in_metres : bool
-        Whether members are as large as what they are of; else they are in any unit.
+        True where members are in metres; False where they are in any unit.
     make : callable
-        Returns a member, by class, number and seed.
+        Returns a member for a class, number and seed.
     collection : callable
-        Returns all of them.
+        Returns all members.
     """
 
     name: str
@@ -82,7 +82,12 @@ BUILT_IN = (
 def find_shape(name: str) -> tuple[BuiltIn, str]:
     """Return the collection and the class of a shape's name, ``chair``, ``car`` or ``road-users/car``.
 
-    A class that two collections have is of the first. A name of none is an OptionError.
+    The first collection that has the class is returned.
+
+    Raises
+    ------
+    OptionError
+        No collection has the class.
     """
     of, slash, label = name.rpartition("/")
     for row in BUILT_IN:
@@ -96,7 +101,7 @@ def find_shape(name: str) -> tuple[BuiltIn, str]:
 
 
 def collection_of(keys: Iterable[str]) -> MeshCollection | None:
-    """Return the built-in collection that all keys are of; None where there is none."""
+    """Return the built-in collection that contains all keys; None if there is none."""
     asked = list(keys)
     found = (row for row in BUILT_IN if all(key.startswith(row.root) for key in asked))
     row = next(found, None)

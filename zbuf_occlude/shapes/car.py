@@ -23,7 +23,7 @@ def _wing(draw: Draw, f: Form) -> MeshPart:
 
 
 def _rack(draw: Draw, f: Form) -> MeshPart:
-    """Rails on the roof, perhaps with a box on them."""
+    """Roof rails, perhaps with a box on them."""
     x, a, b, z = 0.36 * f.width, f.y(f.roof_front) + 0.25, f.y(f.roof_rear) - 0.2, f.height
     rail = bent([(x, a, z - 0.03), (x, a + 0.05, z + 0.07), (x, b - 0.05, z + 0.07), (x, b, z - 0.03)], 0.05)
     bars = [cuboid((-x, y, z + 0.06), (x, y + 0.05, z + 0.08)) for y in (a + 0.3, b - 0.35)]
@@ -86,7 +86,7 @@ def _muscle(draw: Draw) -> MeshPart:
 
 
 def _pickup(draw: Draw) -> MeshPart:
-    """A cab and an open bed, a cover, hoops or a box on it."""
+    """A cab and an open bed with a cover, hoops or a box."""
     f, load = form_of(draw, "pickup"), draw.pick(("open", "open", "cover", "box", "bars"))
     floor, x, t = f.belt - draw.between(0.35, 0.5), f.width / 2, 0.06
     a, b, axle = f.y(f.tail) + 0.05, f.y(1.0), f.y(f.rear_axle)
@@ -108,7 +108,7 @@ def _pickup(draw: Draw) -> MeshPart:
 
 
 def _open(draw: Draw) -> MeshPart:
-    """Without a roof: a windscreen, seats, a roll bar or a folded hood."""
+    """A car without a roof: a windscreen, seats, a roll bar or a folded hood."""
     f = form_of(draw, draw.pick(("sports", "sedan", "muscle", "micro")))
     parts = [hull(draw, f), wheels(draw, f), trim(draw, f), seats(draw, f, draw.pick(((0.5,), (0.46, 0.64))))]
     u, rise = np.linspace(-1, 1, draw.round(9)), draw.between(0.2, 0.45)
@@ -133,4 +133,4 @@ STYLES = (
 )  # fmt: skip
 
 EVERYDAY = (_hatch, _hatch, _sedan, _wagon, _suv)
-"""What most cars on a road are; `_hatch` twice."""
+"""Styles of most cars on a road; `_hatch` is twice as common."""

@@ -1,4 +1,4 @@
-"""What cars are made of: proportions by kind, body, cabin, wheels, trim, seats. Nose towards -y, metres."""
+"""Parts of cars: proportions by kind, body, cabin, wheels, trim, seats. Nose towards -y, metres."""
 
 from dataclasses import dataclass
 
@@ -34,13 +34,13 @@ class Form:
     length, width, height, clearance : float
         Outer sizes; `height` is the roof's.
     belt, hood, deck : float
-        Heights of the windows' lower edge, and of the body before and behind the cabin.
+        Heights of the windows' lower edge, and of the body in front of and behind the cabin.
     cowl, roof_front, roof_rear, tail : float
-        Where the windscreen begins and ends, and the rear window.
+        Start and end of the windscreen, and of the rear window.
     wheel, front_axle, rear_axle : float
         Radius and positions of the wheels.
     blunt : float
-        How full nose and tail are in plan: 3 is round, 9 is square.
+        Exponent of the outline of nose and tail in plan: 3 is round, 9 is square.
     narrow : float
         Width of the roof over width at the belt.
     """
@@ -63,7 +63,7 @@ class Form:
     narrow: float = 0.9
 
     def y(self, fraction: float) -> float:
-        """Return where along y a fraction lies."""
+        """Return the y coordinate of a fraction of the length."""
         return (fraction - 0.5) * self.length
 
 
@@ -103,7 +103,7 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
                "deck": (0.78, 0.96), "cowl": (0.28, 0.38), "roof_front": (0.4, 0.45), "roof_rear": (0.6, 0.7),
                "tail": (0.9, 0.98), "blunt": (2.3, 3.2), "narrow": (0.64, 0.76)},
 }  # fmt: skip
-"""Ranges of the proportions of each kind; what a row leaves out is as in the first."""
+"""Ranges of the proportions of each kind; those missing in a row are as in the first."""
 
 
 def form_of(draw: Draw, kind: str) -> Form:
@@ -115,7 +115,7 @@ def form_of(draw: Draw, kind: str) -> Form:
 
 
 def hull(draw: Draw, f: Form) -> MeshPart:
-    """Return the body below the windows: cross-sections along the car, cut out above the wheels."""
+    """Return the body below the windows: cross-sections along the car, cut out at the wheels."""
     arch, turns = f.wheel * draw.between(1.08, 1.25), np.linspace(180, 0, draw.round(11))
     ends = [0.004, 0.015, 0.03, 0.97, 0.985, 0.996, f.cowl, f.tail]
     stations = [np.linspace(0, 1, draw.round(26)), np.array(ends)]
@@ -130,7 +130,7 @@ def hull(draw: Draw, f: Form) -> MeshPart:
         (f.tail, max(f.belt, f.deck) if f.tail < 0.93 else f.belt), (0.99, f.deck), (1.0, rear * f.deck),
     ])  # fmt: skip
     top = np.interp(t, knots[:, 0], knots[:, 1])
-    out = np.abs(2 * t - 1)  # how far from the middle
+    out = np.abs(2 * t - 1)  # distance from the middle
     half = f.width / 2 * (1 - draw.between(0.06, 0.24) * out**f.blunt - 4.0 * np.clip(out - 0.97, 0, 1))
     bottom = f.clearance + draw.between(0.7, 2.0) * np.clip(out - 0.9, 0, 1)
     for axle in (f.front_axle, f.rear_axle):
@@ -151,13 +151,13 @@ def hull(draw: Draw, f: Form) -> MeshPart:
 
 
 def cabin(draw: Draw, f: Form) -> MeshPart:
-    """Return the house of glass: rounded rectangles from belt to roof, pillars and roof a little proud of it."""
+    """Return the windows as rounded rectangles from belt to roof, with pillars and roof slightly outside them."""
     n, rise = draw.round(6) // 2 + 1, f.height - f.belt
     levels = np.array([-0.15, 0.0, 0.5, 0.85, 0.95, 1.0])
     shrink = np.array([1.0, 1.0, 1.0, 1.0, 0.97, draw.between(0.8, 0.92)])
     wide = f.width * draw.between(0.86, 0.93) * (1 - (1 - f.narrow) * np.clip(levels, 0, 1) ** 1.3) * shrink
 
-    def plan(level: float, width: float, squeeze: float, out: float) -> FloatArray:
+    def ring_at(level: float, width: float, squeeze: float, out: float) -> FloatArray:
         k = float(np.clip(level, 0, 1))
         front, rear = f.y(f.cowl + (f.roof_front - f.cowl) * k), f.y(f.tail + (f.roof_rear - f.tail) * k**1.15)
         length = max((rear - front) * (0.5 + 0.5 * squeeze) + 2 * out, 0.3)
@@ -166,9 +166,9 @@ def cabin(draw: Draw, f: Form) -> MeshPart:
         return ring + np.array([0.0, (front + rear) / 2, 0.0])
 
     rows = list(zip(levels, wide, shrink, strict=True))
-    parts = [loft(np.stack([plan(*row, -0.012) for row in rows]), caps="last")]
-    parts.append(loft(np.stack([plan(*row, 0.012) for row in rows[3:]]), caps="last"))
-    low, high = plan(0.0, wide[1], 1.0, 0.008), plan(0.88, wide[3], 1.0, 0.008)
+    parts = [loft(np.stack([ring_at(*row, -0.012) for row in rows]), caps="last")]
+    parts.append(loft(np.stack([ring_at(*row, 0.012) for row in rows[3:]]), caps="last"))
+    low, high = ring_at(0.0, wide[1], 1.0, 0.008), ring_at(0.88, wide[3], 1.0, 0.008)
     corners = np.arange(4) * (n + 1) + n // 2
     parts += [bar(low[i], high[i], 0.09, 0.07) for i in corners]
     for s in draw.pick(((0.5,), (0.38, 0.72), (0.45,))):  # pillars between the doors
@@ -209,7 +209,7 @@ def wheels(draw: Draw, f: Form, width: float | None = None, out: float = 0.0) ->
 
 
 def trim(draw: Draw, f: Form) -> MeshPart:
-    """Return bumpers, lamps, grille, mirrors, handles, plates: as many as this modeller cared for."""
+    """Return a random selection of bumpers, lamps, grille, mirrors, handles and plates."""
     y0, y1, w = f.y(0.0), f.y(1.0), f.width
     parts = [cuboid((-0.25, y1 - 0.02, f.clearance + 0.25), (0.25, y1 + 0.03, f.clearance + 0.36))]
     if draw.chance(0.8):
@@ -246,7 +246,7 @@ def trim(draw: Draw, f: Form) -> MeshPart:
 
 
 def seats(draw: Draw, f: Form, rows: tuple[float, ...]) -> MeshPart:
-    """Return pairs of seats at fractions of the length and a steering wheel, for what can be looked into."""
+    """Return pairs of seats at fractions of the length, and a steering wheel, for cars with a visible interior."""
     one = cuboid((-0.22, -0.25, 0), (0.22, 0.25, 0.18), edge=0.05, steps=2)
     one = one + cuboid((-0.22, 0.0, 0.1), (0.22, 0.14, 0.7), edge=0.05, steps=2).turned("x", -12).at(y=0.2)
     n = draw.round(16)

@@ -1,4 +1,4 @@
-"""Cars that are no box with a glass house: jeeps, bubbles, cars before 1940, racers. Nose towards -y, metres."""
+"""Special cars: jeeps, rounded cars, cars before 1940, racers. Nose towards -y, metres."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from zbuf_occlude.shapes.kit import (
 
 
 def jeep(draw: Draw) -> MeshPart:
-    """Return flat sheets: a tub, square wings, hoops or a canvas top, a spare wheel behind."""
+    """Return a jeep of flat sheets: a tub, square wings, hoops or a canvas top, a spare wheel behind."""
     w, length = draw.between(1.4, 1.75), draw.between(3.0, 4.4)
     z, r = draw.between(0.42, 0.65), draw.between(0.34, 0.48)
     belt, y0, y1 = z + draw.between(0.45, 0.7), -length / 2, length / 2
@@ -65,7 +65,7 @@ def jeep(draw: Draw) -> MeshPart:
 
 
 def bubble(draw: Draw) -> MeshPart:
-    """Return one that is round all over, with wings that stand out."""
+    """Return a rounded car with protruding wings."""
     f, n = form_of(draw, "bubble"), draw.round(16)
     low, w = f.clearance + 0.25, f.width
     front, middle, rear = draw.between(0.24, 0.3), draw.between(0.48, 0.54), draw.between(0.66, 0.74)
@@ -88,7 +88,7 @@ def bubble(draw: Draw) -> MeshPart:
 
 
 def vintage(draw: Draw) -> MeshPart:
-    """Return one from before 1940: a long narrow hood, an upright cabin, sweeping wings, thin wheels."""
+    """Return a car from before 1940: a long narrow hood, an upright cabin, sweeping wings, thin wheels."""
     w, length, r = draw.between(1.5, 1.8), draw.between(3.4, 5.2), draw.between(0.34, 0.46)
     z, hood, roof = r + 0.05, draw.between(0.95, 1.2), draw.between(1.5, 1.95)
     y0, y1, cowl = 0.25 - length / 2, length / 2 - draw.between(0.0, 0.3), -draw.between(0.0, 0.15) * length
@@ -135,7 +135,7 @@ def vintage(draw: Draw) -> MeshPart:
 
 
 def racer(draw: Draw) -> MeshPart:
-    """Return a single-seater: a slender body, bare wheels, wings fore and aft or a cigar."""
+    """Return a single-seater: a slender body and bare wheels, with wings in front and behind or without."""
     length, w, r, n = draw.between(3.6, 5.4), draw.between(1.5, 2.1), draw.between(0.28, 0.4), draw.round(16)
     modern, fat = draw.chance(0.65), draw.between(0.8, 1.3)
     rows = [

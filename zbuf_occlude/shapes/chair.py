@@ -30,18 +30,18 @@ from zbuf_occlude.shapes.kit import (
 BACKS = ("panel", "slats", "ladder", "splat", "cross", "frame", "oval", "cushion")
 
 
-# ---- backs: built upright in the xz plane with the seat at z = 0, then leaned and moved --------------------------
+# ---- backs: upright in the xz plane with the seat at z = 0, later leaned and moved --------------------------------
 
 
 def curved(part: MeshPart, width: float, depth: float) -> MeshPart:
-    """Bend a back in plan so that its sides come forward by `depth`."""
+    """Return a back bent in plan: its sides come forward by `depth`."""
     points = part.points.copy()
     points[:, 1] -= depth * (2 * points[:, 0] / width) ** 2
     return part.warped(points)
 
 
 def rail(width: float, z: float, height: float, thick: float, n: int, arch: float = 0.0) -> MeshPart:
-    """Return a horizontal board with stations enough to be bent, arched upwards in its middle."""
+    """Return a horizontal board that is arched upwards in its middle, with enough segments to be bent."""
     x = np.linspace(-width / 2, width / 2, n)
     rise = arch * (1 - (2 * x / width) ** 2)
     net = np.zeros((2, n, 3))
@@ -51,7 +51,7 @@ def rail(width: float, z: float, height: float, thick: float, n: int, arch: floa
 
 
 def placed(back: MeshPart, depth: float, z: float, lean: float) -> MeshPart:
-    """Lean a back by degrees and stand it on the rear edge of a seat at height z."""
+    """Return a back leaned by degrees, on the rear edge of a seat at height z."""
     return back.turned("x", -lean).at(0, depth / 2 - 0.015, z)
 
 
@@ -179,7 +179,7 @@ def legs(draw: Draw, w: float, d: float, z: float) -> MeshPart:
 
 
 def star(draw: Draw, z: float, reach: float) -> MeshPart:
-    """Return a swivel base: a gas spring and a star of feet, with castors or without."""
+    """Return a swivel base: a gas spring and a star of feet, with or without castors."""
     count, rise, castors = draw.pick((4, 5, 5, 5)), draw.between(0.05, 0.12), draw.chance(0.7)
     low = 0.065 if castors else 0.027
     arm = bar((0, 0, rise + 0.04), (reach, 0, low), draw.between(0.04, 0.07), 0.04, end=0.6)
@@ -228,7 +228,7 @@ def _slatted(draw: Draw) -> MeshPart:
 
 
 def _office(draw: Draw) -> MeshPart:
-    """On a swivel base; the back on a spine."""
+    """An office chair on a swivel base, with its back on a spine."""
     w, d, z, h = draw.between(0.4, 0.6), draw.between(0.4, 0.56), draw.between(0.4, 0.6), draw.between(0.25, 0.85)
     thick, soft = draw.between(0.05, 0.12), draw.whole(2, 4)
     kind = draw.pick(("soft", "soft", "frame", "oval", "panel"))
@@ -259,7 +259,7 @@ def _office(draw: Draw) -> MeshPart:
 
 
 def _armchair(draw: Draw) -> MeshPart:
-    """Upholstered, on a plinth or short legs; sometimes with wings."""
+    """An upholstered chair on a plinth or short legs, sometimes with wings."""
     w, d, z = draw.between(0.55, 0.95), draw.between(0.55, 0.9), draw.between(0.34, 0.48)
     arm, h, foot = draw.between(0.07, 0.2), draw.between(0.3, 0.85), draw.between(0.02, 0.2)
     s, lift, soft = draw.whole(2, 4), draw.between(0.1, 0.28), draw.between(0.02, 0.06)
@@ -286,7 +286,7 @@ def _armchair(draw: Draw) -> MeshPart:
 
 
 def _tub(draw: Draw) -> MeshPart:
-    """A barrel: one wall around a round seat."""
+    """A tub chair: one wall around a round seat."""
     r, z, h, n = draw.between(0.28, 0.45), draw.between(0.34, 0.46), draw.between(0.15, 0.55), draw.round(24)
     gap, drop, power = draw.between(35, 85), draw.between(0.0, 0.6), draw.between(2.0, 5.0)
     angle, t = np.linspace(-90 + gap, 270 - gap, n), np.linspace(0, 1, 5)[:, None]
@@ -309,7 +309,7 @@ def _tub(draw: Draw) -> MeshPart:
 
 
 def _cantilever(draw: Draw) -> MeshPart:
-    """One bent pipe for legs and back, without hind legs."""
+    """A cantilever chair: one bent pipe for legs and back, without rear legs."""
     w, d, z, h = draw.between(0.38, 0.6), draw.between(0.4, 0.56), draw.between(0.38, 0.5), draw.between(0.25, 0.6)
     r, n, x, y, lean = draw.between(0.009, 0.02), draw.round(8), w / 2, d / 2, draw.between(0.0, 0.2)
     kind, bow = draw.pick(("back", "arms", "sled")), draw.between(0.04, 0.14)
@@ -329,7 +329,7 @@ def _cantilever(draw: Draw) -> MeshPart:
 
 
 def _moulded(draw: Draw) -> MeshPart:
-    """Seat and back in one skin, on any base."""
+    """Seat and back in one shell, on any base."""
     w, d, z, h = draw.between(0.4, 0.66), draw.between(0.38, 0.54), draw.between(0.34, 0.48), draw.between(0.2, 0.7)
     n, lean = draw.round(13), draw.between(0.02, 0.22)
     knots = [(-d / 2 - 0.02, z - 0.03), (-d * 0.35, z), (d * 0.15, z - 0.03), (d * 0.45, z + 0.1)]
@@ -338,7 +338,7 @@ def _moulded(draw: Draw) -> MeshPart:
     t, u = np.linspace(0, 1, len(spine)), np.linspace(-1, 1, n)
     half = w / 2 * (1 - pinch * np.exp(-(((t - 0.55) / 0.12) ** 2))) * (1 - 0.3 * np.clip((t - 0.8) / 0.2, 0, 1) ** 2)
     rim = bucket * np.abs(u) ** 2.4 * (np.sin(np.pi * np.clip(t * 1.05, 0, 1)) ** 0.7)[:, None]
-    # the rim rises from the seat and comes forward from the back: along the skin's own normal
+    # the rim rises from the seat and comes forward from the back, along the normal of the shell
     slope = np.gradient(spine, axis=0)
     slope /= np.linalg.norm(slope, axis=1, keepdims=True)
     net = np.empty((len(spine), n, 3))
@@ -362,7 +362,7 @@ def _moulded(draw: Draw) -> MeshPart:
 
 
 def _windsor(draw: Draw) -> MeshPart:
-    """Spindles under a bow, turned and splayed legs."""
+    """A Windsor chair: spindles under a bow, turned and splayed legs."""
     w, d, z, h = draw.between(0.4, 0.58), draw.between(0.38, 0.5), draw.between(0.4, 0.5), draw.between(0.3, 0.75)
     round_top, splay = draw.between(0.5, 1.0), draw.between(5, 15)
     angle = np.linspace(0, 180, draw.round(17))
@@ -387,7 +387,7 @@ def _windsor(draw: Draw) -> MeshPart:
 
 
 def _stool(draw: Draw) -> MeshPart:
-    """Low or high, with a hint of a back or none."""
+    """A low or high stool, with a short back or none."""
     z, r, n = draw.pick((draw.between(0.38, 0.5), draw.between(0.6, 0.85))), draw.between(0.14, 0.24), draw.round(22)
     outline = rectangle(1.9 * r, 1.7 * r, 0.04) if draw.chance(0.4) else circle(n) * r
     parts = [prism(outline, z - draw.between(0.025, 0.1), z, edge=0.01)]
@@ -422,7 +422,7 @@ def _rocking(draw: Draw) -> MeshPart:
 
 
 def _folding(draw: Draw) -> MeshPart:
-    """Crossed legs; the long ones carry the back."""
+    """A folding chair with crossed legs; the long ones carry the back."""
     w, z, h, t = draw.between(0.36, 0.6), draw.between(0.36, 0.5), draw.between(0.22, 0.55), draw.between(0.018, 0.032)
     x, y, lean = w / 2, draw.between(0.16, 0.3), draw.between(0.02, 0.2)
     long = bar((x, -y, 0), (x, y + lean, z + h), t, t * 1.6)

@@ -1,4 +1,4 @@
-"""Curves and outlines for the modelling kit: rows of points, no triangles yet."""
+"""Curves and outlines for the modelling kit, as rows of points."""
 
 from typing import Any
 
@@ -9,29 +9,29 @@ from zbuf_occlude.arrays import FloatArray
 
 
 def cosd(degrees: ArrayLike) -> Any:
-    """Cosine of an angle in degrees."""
+    """Return the cosine of an angle in degrees."""
     return np.cos(np.radians(degrees))
 
 
 def sind(degrees: ArrayLike) -> Any:
-    """Sine of an angle in degrees."""
+    """Return the sine of an angle in degrees."""
     return np.sin(np.radians(degrees))
 
 
 def circle(count: int, start: float = 0.0) -> FloatArray:
-    """Points of the unit circle, (count, 2), the first at `start` degrees."""
+    """Return points of the unit circle, (count, 2), the first at `start` degrees."""
     angle = start + 360.0 * np.arange(count) / count
     return np.stack([cosd(angle), sind(angle)], axis=1)
 
 
 def superellipse(count: int, power: float, start: float = 0.0) -> FloatArray:
-    """Points of abs(x)^power + abs(y)^power = 1, (count, 2): 2 is a circle, 4 a pebble, 10 nearly a square."""
+    """Return points of abs(x)^power + abs(y)^power = 1, (count, 2): 2 is a circle, 10 nearly a square."""
     xy = circle(count, start)
     return xy / (np.abs(xy) ** power).sum(axis=1, keepdims=True) ** (1.0 / power)
 
 
 def polygon(sides: int, start: float = 0.0, per_side: int = 1) -> FloatArray:
-    """Points of a regular polygon with corners on the unit circle, (sides * per_side, 2)."""
+    """Return points of a regular polygon with corners on the unit circle, (sides * per_side, 2)."""
     corners = circle(sides, start)
     t = np.arange(per_side)[:, None] / per_side
     following = np.roll(corners, -1, axis=0)
@@ -39,7 +39,7 @@ def polygon(sides: int, start: float = 0.0, per_side: int = 1) -> FloatArray:
 
 
 def rectangle(width: float, depth: float, radius: float = 0.0, steps: int = 4) -> FloatArray:
-    """Outline of a rectangle about the origin with round corners, (4 * (steps + 1), 2) or (4, 2) without radius."""
+    """Return a rectangle about the origin with round corners, (4 * (steps + 1), 2), or (4, 2) without radius."""
     half = np.array([width, depth]) / 2.0
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     if radius <= 0.0:
@@ -51,7 +51,7 @@ def rectangle(width: float, depth: float, radius: float = 0.0, steps: int = 4) -
 
 
 def smooth(points: ArrayLike, count: int) -> FloatArray:
-    """Catmull-Rom curve through control points (m, d), ends included: `count` points, as many on each span."""
+    """Return `count` points of the Catmull-Rom curve through control points (m, d), equally many on each span."""
     p = np.asarray(points, dtype=np.float64)
     padded = np.vstack([2 * p[0] - p[1], p, 2 * p[-1] - p[-2]])
     t = np.linspace(0.0, len(p) - 1.0, count)
@@ -62,7 +62,7 @@ def smooth(points: ArrayLike, count: int) -> FloatArray:
 
 
 def bent(points: ArrayLike, radius: float, steps: int = 4) -> FloatArray:
-    """Polyline (m, d) whose inner corners are rounded like bent pipe, (2 + (m - 2) * (steps + 1), d)."""
+    """Return a polyline (m, d) with inner corners rounded like bent pipe, (2 + (m - 2) * (steps + 1), d)."""
     p = np.asarray(points, dtype=np.float64)
     before, corner, after = p[:-2], p[1:-1], p[2:]
     into, out = corner - before, after - corner
@@ -75,10 +75,9 @@ def bent(points: ArrayLike, radius: float, steps: int = 4) -> FloatArray:
 
 
 def path_frames(path: FloatArray, *, closed: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across a path (m, 3) at each of its points, each (m, 3), without twist.
+    """Return two unit vectors across a path (m, 3) at each of its points, (m, 3) each, without twist.
 
-    The first is carried along point by point, since no fixed reference direction suits every path; paths have
-    some dozens of points.
+    The first vector is transported from point to point, since no fixed reference direction suits every path.
     """
     ends = np.concatenate([path[-1:], path, path[:1]]) if closed else np.concatenate([path[:1], path, path[-1:]])
     steps = np.diff(ends, axis=0)
@@ -87,7 +86,7 @@ def path_frames(path: FloatArray, *, closed: bool = False) -> tuple[FloatArray, 
     along = units[:-1] + units[1:]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     first = np.empty_like(path)
-    # a bar along z gets its first side along x, a level one gets it level
+    # the first side of a bar along z is along x, that of a level bar is level
     carried = np.array([1.0, 0.0, 0.0]) if abs(along[0, 2]) > 0.9 else np.array([-along[0, 1], along[0, 0], 0.0])
     for i, tangent in enumerate(along):
         carried = carried - tangent * (carried @ tangent)

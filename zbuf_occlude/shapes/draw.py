@@ -1,4 +1,4 @@
-"""Draw: the random choices of one member of a family, in the words the families use."""
+"""The random choices of one member of a family."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -14,9 +14,9 @@ class Draw:
     Parameters
     ----------
     rng : Generator
-        The member's own; the order of the calls is part of what the member is.
+        Generator of the member; the order of the calls determines the member.
     detail : float, optional
-        How finely this member is tessellated; by default drawn, log-uniform between 0.55 and 2; 1 is ordinary.
+        Factor on the number of segments of round parts; by default drawn log-uniformly between 0.55 and 2.
     """
 
     def __init__(self, rng: np.random.Generator, detail: float | None = None) -> None:
@@ -33,13 +33,13 @@ class Draw:
         return int(self.rng.integers(low, high + 1))
 
     def chance(self, probability: float) -> bool:
-        """Return True with a probability."""
+        """Return True with the given probability."""
         return bool(self.rng.random() < probability)
 
     def pick(self, options: Sequence[Option]) -> Option:
-        """Return one of the options, each equally likely."""
+        """Return one of the options with equal probability."""
         return options[int(self.rng.integers(len(options)))]
 
     def round(self, ordinary: int) -> int:
-        """Return the number of segments for a circle or curve that ordinarily has `ordinary`; at least 5."""
+        """Return the number of segments for a circle or curve, `ordinary` times the detail; at least 5."""
         return max(5, round(ordinary * self.detail))

@@ -1,4 +1,4 @@
-"""The eight families as one table: which member has which style, split and key, and how it is built."""
+"""The table of the eight families, and the style, split, key and mesh of each member."""
 
 import zlib
 from collections.abc import Callable
@@ -30,16 +30,16 @@ STYLES: MappingProxyType[str, tuple[Style, ...]] = MappingProxyType(
         "table": table.STYLES,
     }
 )
-"""For each class the functions that model one member; one named twice is twice as common."""
+"""Functions that model one member, by class; a function listed twice is twice as common."""
 
 VERSION = 1
-"""Raised whenever a shape changes, so that datasets half made of the old ones are not gone on with."""
+"""Version of the shapes, raised with every change: an unfinished dataset of old shapes is then not resumed."""
 
 CLASSES = tuple(STYLES)
 """The paper's ModelNet8 (section 4.3), in alphabetical order."""
 
 FEWEST_FACES = 200
-"""Of a member."""
+"""Minimum number of faces of a member."""
 
 TRAIN, VAL, TEST = 40, 10, 25
 MEMBERS = TRAIN + VAL + TEST
@@ -47,18 +47,18 @@ MEMBERS = TRAIN + VAL + TEST
 
 
 def make(label: str, index: int, seed: int = 0, *, detail: float | None = None) -> Mesh:
-    """Build one member of a family.
+    """Return one member of a family.
 
     Parameters
     ----------
     label : str
         One of `CLASSES`.
     index : int
-        Which member, from 0. The first `MEMBERS` are those of `collection`; there is no last one.
+        Number of the member, from 0. The first `MEMBERS` are those of `collection`; there is no limit.
     seed : int
-        Another seed gives another family of the same kind. 0 is the built-in one.
+        Seed of the family; 0 is the built-in one.
     detail : float, optional
-        Factor on the number of segments of everything round; by default the member's own, 0.55 to 2.
+        Factor on the number of segments of round parts; by default the member's own, 0.55 to 2.
 
     Returns
     -------
@@ -73,8 +73,8 @@ def make(label: str, index: int, seed: int = 0, *, detail: float | None = None) 
 
     Notes
     -----
-    Randomness comes from ``SeedSequence([seed, crc32(label), index])`` alone. Styles go round in an order that is
-    drawn anew for each round, so every style of a class is in each of the splits in about its share.
+    Randomness comes from ``SeedSequence([seed, crc32(label), index])`` alone. Consecutive members take all styles in a
+    random order, drawn separately for each round. Every split therefore has each style in about its share.
     """
     _check(label, index, seed)
     if detail is not None and not 0.0 < detail < np.inf:
@@ -89,17 +89,16 @@ def make(label: str, index: int, seed: int = 0, *, detail: float | None = None) 
 
 
 def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
-    """Do to a modelled part what real CAD files do to a shape; return the vertices (v, 3) and faces (f, 3) of a file.
+    """Return the vertices (v, 3) and faces (f, 3) of a modelled part with the defects of real CAD files.
 
     Notes
     -----
-    Faces are quartered at their edges' midpoints until there are `FEWEST_FACES`; winding turns over for none of the
-    faces, for a run of them or for any; vertices are shared as modelled or every face has its own three, as in many
-    files of ModelNet; at times a run of faces is there twice. The unit is anything from 0.05 to 500 times the
-    modelled one, coordinates are single precision; the shape rests on z = 0 or is centred at the origin. The front
-    stays towards -y.
+    Faces are quartered at their edges' midpoints until there are `FEWEST_FACES`. The winding is reversed for no face,
+    for a run of faces or for random ones. Vertices are shared as modelled, or every face has its own three, as in many
+    files of ModelNet. Sometimes a run of faces is duplicated. The unit is 0.05 to 500 times the modelled one;
+    coordinates are single precision. The shape rests on z = 0 or is centred at the origin. The front stays towards -y.
     """
-    # all is drawn before anything depends on the number of faces, so that another detail changes nothing else
+    # all draws come before anything that depends on the number of faces: `detail` must change nothing else
     winding, start = draw.pick(("modelled", "modelled", "run", "any")), draw.between(0.0, 0.5)
     twice, first = draw.chance(0.15), draw.between(0.0, 1.0)
     unshared, centred = draw.chance(0.35), draw.chance(0.5)
@@ -121,18 +120,18 @@ def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
     low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2
     origin = middle if centred else np.array([middle[0], middle[1], low[2]])
-    # single precision, as files have it; it also makes the last bits alike on all processors
+    # single precision, as in files; it also makes the last bits equal on all processors
     return ((points - origin) * unit).astype(np.float32).astype(np.float64), faces
 
 
 def split_of(index: int) -> str:
-    """Return the split of a member: of each `MEMBERS` the first 40 are "train", 10 "val", 25 "test"."""
+    """Return the split of a member: in each run of `MEMBERS` the first 40 are "train", 10 "val", 25 "test"."""
     place = index % MEMBERS
     return "train" if place < TRAIN else "val" if place < TRAIN + VAL else "test"
 
 
 def key_of(label: str, index: int, seed: int = 0) -> str:
-    """Return the key of a member, such as ``builtin/chair/train/chair_0007``; other seeds name themselves."""
+    """Return the key of a member, such as ``builtin/chair/train/chair_0007``; it contains a seed other than 0."""
     _check(label, index, seed)
     root = "builtin" if seed == 0 else f"builtin-{seed}"
     return f"{root}/{label}/{split_of(index)}/{label}_{index:04d}"

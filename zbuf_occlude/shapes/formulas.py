@@ -1,4 +1,4 @@
-"""Objects made by mathematical formulas, in the kind of the paper's Fig. 9: surfaces x, y, z of two parameters."""
+"""Surfaces x, y, z of two parameters given by formulas, like those of the paper's Fig. 9."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Formula:
     surface : callable
         (u, v) to (x, y, z).
     closed : str
-        Which parameters close upon themselves: "", "u", "v" or "uv".
+        Periodic parameters: "", "u", "v" or "uv".
     """
 
     u: tuple[float, float]
@@ -43,7 +43,7 @@ def _about_z(r: Array, z: Array, v: Array) -> tuple[Array, Array, Array]:
 
 
 def _tube(centre: Callable[[Array], tuple[Array, Array, Array]], radius: float) -> Callable[[Array, Array], Any]:
-    """A tube about a curve, its section in the plane of the curve's normal and binormal as differences give them."""
+    """A tube about a curve, with cross-sections in the plane of the curve's numerical normal and binormal."""
 
     def surface(u: Array, v: Array) -> tuple[Array, Array, Array]:
         h = 1e-3
@@ -148,11 +148,11 @@ FORMULAS: MappingProxyType[str, Formula] = MappingProxyType(
         "vase": Formula(FULL, FULL, lambda u, v: _about_z(1 + 0.45 * np.sin(u), 0.55 * u, v), "v"),
     }
 )
-"""Name to formula."""
+"""The formulas by name."""
 
 
 def make(name: str, n: int = 48) -> Mesh:
-    """Build one of the `FORMULAS`.
+    """Return the mesh of one of the `FORMULAS`.
 
     Parameters
     ----------

@@ -6,8 +6,6 @@ from zbuf_occlude.shapes.curves import bent, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import MeshPart, Point, bar, boxes, cuboid, ellipsoid, four, join, pair, revolve, rod, tube
 
-LEG_KINDS = ("square", "tapered", "round", "conical", "turned", "cabriole", "hairpin")
-
 
 def leg(draw: Draw, kind: str, height: float, thick: float) -> MeshPart:
     """Return one upright leg about the z axis, from the floor to `height`."""
@@ -37,7 +35,7 @@ def leg(draw: Draw, kind: str, height: float, thick: float) -> MeshPart:
 
 
 def splayed(part: MeshPart, height: float, x: float, y: float) -> MeshPart:
-    """Lean a leg outwards by the angles x and y in degrees; its top at `height` stays where it is."""
+    """Return a leg leaned outwards by the angles x and y in degrees; its top at `height` does not move."""
     points = part.points.copy()
     points[:, :2] += (height - points[:, 2:]) * sind([x, y])
     return part.warped(points)
@@ -83,7 +81,7 @@ def knob(draw: Draw, at: Point, size: float) -> MeshPart:
 
 
 def drawers(draw: Draw, low: Point, high: Point, rows: int, columns: int = 1) -> MeshPart:
-    """Return drawer fronts with knobs that stand a little proud of the face y = low[1] of a case."""
+    """Return drawer fronts with knobs, slightly in front of the face y = low[1] of a case."""
     (x0, y, z0), (x1, _, z1) = low, high
     dx, dz = (x1 - x0) / columns, (z1 - z0) / rows
     gap, proud = 0.04 * min(dx, dz), 0.03 * min(dx, dz) + 0.004

@@ -1,6 +1,6 @@
-"""A small modelling kit: parts of points and triangles, put together the way CAD models on the web are.
+"""A modelling kit: parts of points and triangles, assembled like CAD models on the web.
 
-Parts interpenetrate, touch and stay open: nothing here makes a watertight union, and nothing should.
+Parts interpenetrate, touch and stay open: watertight unions are not made.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,15 +27,15 @@ class MeshPart:
         return join([self, other])
 
     def at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "MeshPart":
-        """Move by (x, y, z)."""
+        """Return the part moved by (x, y, z)."""
         return MeshPart(self.points + np.array((x, y, z)), self.faces)
 
     def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> "MeshPart":
-        """Scale about the origin, axis by axis."""
+        """Return the part scaled about the origin, axis by axis."""
         return MeshPart(self.points * (x, y, z), self.faces)
 
     def turned(self, axis: str, degrees: float) -> "MeshPart":
-        """Rotate about a coordinate axis through the origin, counter-clockwise seen from its tip."""
+        """Return the part rotated about a coordinate axis through the origin, counter-clockwise seen from its tip."""
         i, j = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
         c, s = cosd(degrees), sind(degrees)
         points = self.points.copy()
@@ -44,18 +44,18 @@ class MeshPart:
         return MeshPart(points, self.faces)
 
     def mirrored(self, axis: str) -> "MeshPart":
-        """Reflect in the coordinate plane across an axis. The winding turns over, as it does in careless CAD."""
+        """Return the part reflected in the coordinate plane across an axis; its winding is reversed, as in much CAD."""
         points = self.points.copy()
         points[:, AXES[axis]] *= -1.0
         return MeshPart(points, self.faces)
 
     def warped(self, points: FloatArray) -> "MeshPart":
-        """Keep the triangles and put other points under them, (v, 3)."""
+        """Return the part with other points (v, 3) and the same triangles."""
         return MeshPart(points, self.faces)
 
 
 def join(parts: Iterable[MeshPart]) -> MeshPart:
-    """Put parts side by side into one; nothing is merged."""
+    """Return several parts as one; no points are merged."""
     kept = list(parts)
     starts = np.cumsum([0] + [len(part.points) for part in kept[:-1]])
     faces = [part.faces + start for part, start in zip(kept, starts, strict=True)]
@@ -68,7 +68,7 @@ def pair(part: MeshPart, axis: str = "x") -> MeshPart:
 
 
 def four(part: MeshPart) -> MeshPart:
-    """Return the part mirrored in x, in y and in both: a table's legs from one."""
+    """Return the part and its mirror images in x, in y and in both: four legs from one."""
     return pair(pair(part, "x"), "y")
 
 
@@ -96,7 +96,7 @@ def along(axis: str, values: ArrayLike) -> FloatArray:
 
 
 def quad_grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool = False) -> MeshPart:
-    """Span a net of points (m, n, 3) with two triangles a mesh; triangles with two equal corners are left out."""
+    """Return a grid of points (m, n, 3) with two triangles per cell, without triangles that have two equal corners."""
     m, n = points.shape[:2]
     rows, columns = np.arange(m if wrap_rows else m - 1), np.arange(n if wrap_columns else n - 1)
     i, j = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
@@ -110,7 +110,7 @@ def quad_grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool
 
 
 def fan(ring: FloatArray, tip: ArrayLike | None = None) -> MeshPart:
-    """Fill a ring of points (n, 3), star-shaped about its tip (its mean by default)."""
+    """Return the fan of triangles from a tip (default: the mean) to a ring of points (n, 3), star-shaped about it."""
     centre = ring.mean(axis=0) if tip is None else np.asarray(tip, dtype=np.float64)
     n = len(ring)
     i = np.arange(n)
@@ -118,7 +118,7 @@ def fan(ring: FloatArray, tip: ArrayLike | None = None) -> MeshPart:
 
 
 def loft(rings: FloatArray, *, caps: str = "both") -> MeshPart:
-    """Join closed rings (m, n, 3) into a skin; `caps` is "both", "first", "last" or "none"."""
+    """Return the surface through closed rings (m, n, 3); `caps` is "both", "first", "last" or "none"."""
     parts = [quad_grid(rings, wrap_columns=True)]
     if caps in ("both", "first"):
         parts.append(fan(rings[0]))
@@ -128,7 +128,7 @@ def loft(rings: FloatArray, *, caps: str = "both") -> MeshPart:
 
 
 def shell(points: FloatArray, thickness: float) -> MeshPart:
-    """Give a net of points (m, n, 3) a thickness, half to either side, and close its rim."""
+    """Return a grid of points (m, n, 3) with a thickness, half to either side, and a closed rim."""
     du, dv = np.gradient(points, axis=0), np.gradient(points, axis=1)
     normals = np.cross(du, dv)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
@@ -138,9 +138,9 @@ def shell(points: FloatArray, thickness: float) -> MeshPart:
 
 
 def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None) -> MeshPart:
-    """Turn a profile of (radius, z) rows about the z axis; ends with radius 0 close by themselves.
+    """Return the surface of revolution of a profile of (radius, z) rows about the z axis; ends of radius 0 are closed.
 
-    `section` (n, 2) replaces the unit circle: squares, ovals and ribs are turned the same way.
+    `section` (n, 2) replaces the unit circle, for squares, ovals and ribs.
     """
     rz = np.asarray(profile, dtype=np.float64)
     ring = circle(segments) if section is None else section
@@ -151,7 +151,7 @@ def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None
 
 
 def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = False, flat: float = 1.0) -> MeshPart:
-    """Lay a round tube along a path (m, 3); `radius` is one number or one each, `flat` squeezes its second axis."""
+    """Return a round tube along a path (m, 3); `radius` is a number or one per point, `flat` scales the second axis."""
     first, second = path_frames(path, closed=closed)
     r = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))[:, None, None]
     ring = circle(segments)
@@ -160,7 +160,7 @@ def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = F
 
 
 def quartered(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Divide every triangle into four at the midpoints of its edges; the surface stays."""
+    """Return points and triangles with every triangle divided into four at the midpoints of its edges."""
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     unique, which = np.unique(edges, axis=0, return_inverse=True)
     middles = which.reshape(-1, 3) + len(points)
@@ -189,7 +189,7 @@ def boxes(low: ArrayLike, high: ArrayLike) -> MeshPart:
 
 
 def cuboid(low: Point, high: Point, edge: float = 0.0, steps: int = 1) -> MeshPart:
-    """Return one box; an `edge` above 0 bevels it by that much (44 triangles), more `steps` round it."""
+    """Return one box; an `edge` above 0 is the width of its bevel (44 triangles), and more `steps` round the bevel."""
     if edge <= 0.0:
         return boxes(low, high)
     lo, hi = np.minimum(low, high), np.maximum(low, high)
@@ -213,7 +213,7 @@ def cuboid(low: Point, high: Point, edge: float = 0.0, steps: int = 1) -> MeshPa
 
 
 def prism(outline: FloatArray, z0: float, z1: float, edge: float = 0.0) -> MeshPart:
-    """Raise an outline (n, 2), star-shaped about its mean, from z0 to z1; an `edge` above 0 bevels its rims."""
+    """Return the prism of an outline (n, 2), star-shaped about its mean, from z0 to z1, perhaps with a bevel `edge`."""
     centre = outline.mean(axis=0)
     if edge <= 0.0:
         levels, scales = np.array([z0, z1]), np.ones(2)
@@ -244,7 +244,7 @@ def pillow(size: Point, segments: int, power: float = 3.0) -> MeshPart:
     u = np.linspace(-1.0, 1.0, segments)
     x, y = np.meshgrid(np.sin(u * np.pi / 2), np.sin(u * np.pi / 2), indexing="ij")
     z = np.sqrt(np.clip((1 - np.abs(x) ** power) * (1 - np.abs(y) ** power), 0.0, None))
-    # corners are drawn in a little, as a stuffed seam is
+    # corners are pulled in slightly, as by a seam
     draw_in = 1.0 - 0.06 * (x * y) ** 2
     sheet = np.stack([x * draw_in, y * draw_in, z], axis=2) * np.asarray(size) / 2.0
     return pair(quad_grid(sheet), "z")
@@ -260,7 +260,7 @@ def rod(a: Point, b: Point, radius: float, segments: int, end: float | None = No
 
 
 def bar(a: Point, b: Point, width: float, height: float, end: float = 1.0) -> MeshPart:
-    """Return a rectangular bar from a to b, its height as upright as can be; `end` scales its section at b."""
+    """Return a rectangular bar from a to b, its height as vertical as possible; `end` scales its section at b."""
     ends = np.array([a, b], dtype=np.float64)
     along = ends[1] - ends[0]
     stands = np.hypot(along[0], along[1]) < 1e-9 * abs(along[2])

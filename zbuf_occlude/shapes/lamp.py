@@ -28,7 +28,7 @@ SHADES = ("drum", "empire", "cone", "bell", "pleated", "square", "sides", "dome"
 def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> MeshPart:
     """Return an open shade of lower radius r and height h with bulb and spider, its lower rim at z = 0.
 
-    Cloth has no thickness; some shades are lined.
+    A shade has no thickness; some are lined.
     """
     n, kind, k = draw.round(30), draw.pick(kinds), draw.between(0.85, 1.1)
     top = k * {"drum": 0.95, "empire": 0.6, "cone": 0.22, "pleated": 0.65, "square": 0.7, "sides": 0.6}.get(kind, 0.4)
@@ -57,7 +57,7 @@ def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -
 
 
 def foot(draw: Draw, r: float) -> MeshPart:
-    """Return what a stand stands on: a plate, a dome, a block, steps, three claws."""
+    """Return the foot of a stand: a plate, a dome, a block, steps, three claws."""
     n, kind = draw.round(26), draw.pick(("plate", "dome", "block", "stepped", "claws"))
     if kind == "plate":
         return cylinder(r, 0, draw.between(0.01, 0.04), n, 0.97 * r)
@@ -140,7 +140,7 @@ def _floor(draw: Draw) -> MeshPart:
 
 
 def _table(draw: Draw) -> MeshPart:
-    """A vase, a ball or a bottle with a shade on it."""
+    """A table lamp: a vase, a ball or a bottle with a shade."""
     r, h, n = draw.between(0.05, 0.17), draw.between(0.16, 0.48), draw.round(26)
     kind = draw.pick(("vase", "bottle", "ball", "stack", "block", "ginger", "urn", "column"))
     bodies = {
@@ -197,7 +197,7 @@ def _desk(draw: Draw) -> MeshPart:
 
 
 def _gooseneck(draw: Draw) -> MeshPart:
-    """A bent neck: banker's, pharmacy and reading lamps, small or standing."""
+    """A lamp with a bent neck: banker's, pharmacy and reading lamps, for a table or the floor."""
     small = draw.chance(0.65)
     h, r = draw.between(0.25, 0.65) if small else draw.between(1.0, 1.6), draw.between(0.005, 0.014)
     reach, fall = draw.between(0.1, 0.4), draw.between(0.0, 0.18)
@@ -205,7 +205,7 @@ def _gooseneck(draw: Draw) -> MeshPart:
     curve = smooth([*knots, (0, -reach, h - fall)], draw.round(26))
     x, y, z = curve[-1]
     parts = [foot(draw, draw.between(0.07, 0.17)), tube(curve, r, draw.round(8))]
-    if draw.chance(0.4):  # a banker's shade: half a tube, lying
+    if draw.chance(0.4):  # a banker's shade: half of a horizontal tube
         angle, w, k = np.linspace(-10, 190, draw.round(14)), draw.between(0.09, 0.2), draw.between(0.05, 0.08)
         net = np.empty((5, len(angle), 3))
         net[..., 0] = np.linspace(-w, w, 5)[:, None]
@@ -216,7 +216,7 @@ def _gooseneck(draw: Draw) -> MeshPart:
 
 
 def _arc(draw: Draw) -> MeshPart:
-    """A great bow from a heavy foot."""
+    """A large arc from a heavy foot."""
     h, reach, end = draw.between(1.3, 2.1), draw.between(0.5, 1.5), draw.between(0.65, 0.92)
     knots = [(0, 0, 0), (0.03, 0, 0.45 * h), (0.25 * reach, 0, 0.9 * h), (0.62 * reach, 0, h), (reach, 0, end * h)]
     curve, wide = smooth(knots, draw.round(26)), draw.between(0.1, 0.28)
@@ -228,7 +228,7 @@ def _arc(draw: Draw) -> MeshPart:
 
 
 def _torchiere(draw: Draw) -> MeshPart:
-    """A bowl that shines upwards; at times with a reading arm."""
+    """A bowl that shines upwards, sometimes with a reading arm."""
     h, wide, n, deep = draw.between(1.3, 2.0), draw.between(0.11, 0.32), draw.round(26), draw.between(0.05, 0.28)
     angle = np.linspace(-80, -5, draw.round(9))
     bowl = revolve(np.column_stack([wide * cosd(angle), h + deep * (1 + sind(angle))]), n)
@@ -260,7 +260,7 @@ def _tripod(draw: Draw) -> MeshPart:
 
 
 def _pendant(draw: Draw) -> MeshPart:
-    """It hangs: a rose at the ceiling, a cord, a shade, a globe, a saucer or a cage."""
+    """A pendant lamp: a ceiling rose, a cord, and a shade, globe, saucer or cage."""
     wide, n = draw.between(0.1, 0.34), draw.round(26)
     drop, kind = wide * draw.between(0.8, 4.5), draw.pick(("shade", "dome", "globe", "cage", "saucer", "lantern"))
     parts = [cylinder(0.05, drop, drop + 0.025, draw.round(16)), rod((0, 0, 0), (0, 0, drop), 0.004, 6)]
@@ -327,7 +327,7 @@ def _chandelier(draw: Draw) -> MeshPart:
 
 
 def _glowing(draw: Draw) -> MeshPart:
-    """The whole thing is the light: mushroom, globe, paper column, lava, egg, lantern, panel."""
+    """A lamp that glows as a whole: mushroom, globe, paper column, lava, egg, lantern, panel."""
     n, kind = draw.round(28), draw.pick(("mushroom", "globe", "column", "lava", "egg", "lantern", "panel"))
     h, r = draw.between(0.2, 0.6), draw.between(0.08, 0.2)
     if kind == "mushroom":
@@ -363,7 +363,7 @@ def _glowing(draw: Draw) -> MeshPart:
 
 
 def _street(draw: Draw) -> MeshPart:
-    """Out of doors: a mast with one or two arms, a garden post with a lantern or globes."""
+    """A street lamp: a mast with one or two arms, or a garden post with a lantern or globes."""
     h, kind, k = draw.between(2.0, 4.5), draw.pick(("arm", "lantern", "globes", "arm")), draw.between(0.7, 1.4)
     base = revolve(np.array([(0.16, 0), (0.16, 0.25), (0.09, 0.35), (0.08, 0.6)]) * k, draw.round(14))
     parts = [base, cylinder(0.07 * k, 0.3 * k, h, draw.round(12), 0.045 * k)]
@@ -383,7 +383,7 @@ def _street(draw: Draw) -> MeshPart:
 
 
 def _sconce(draw: Draw) -> MeshPart:
-    """For a wall at y = 0: a plate, an arm or two, a shade; or several spots on a rail."""
+    """A wall lamp at y = 0: a plate, one or two arms, a shade; or several spots on a rail."""
     if draw.chance(0.5):
         wide, r = draw.between(0.4, 1.2), draw.between(0.045, 0.09)
         rail = cuboid((-wide / 2 - 0.06, -0.02, 0), (wide / 2 + 0.06, 0.02, 0.03), edge=0.005)

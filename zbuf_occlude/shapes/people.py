@@ -1,6 +1,6 @@
-"""People on foot and on bicycles, in several poses and builds: limbs between joints. Front towards -y, metres.
+"""People on foot and on bicycles, in several poses and builds, with limbs between joints. Front towards -y, metres.
 
-Segments are shares of the stature (Drillis and Contini 1966, as biomechanics quotes them): thigh 0.245, shank 0.246,
+Segments are fractions of the stature (Drillis and Contini 1966): thigh 0.245, shank 0.246,
 foot 0.039 high, upper arm 0.186, forearm and hand 0.254, hips at 0.530, shoulders at 0.818.
 """
 
@@ -16,9 +16,9 @@ from zbuf_occlude.shapes.kit import MeshPart, cuboid, ellipsoid, join, rod, tube
 
 THIGH, SHANK, FOOT, UPPER_ARM, FOREARM, TRUNK = 0.245, 0.246, 0.039, 0.186, 0.254, 0.288
 SHOULDER, HIP = 0.115, 0.06
-"""Half of how far shoulders and hips are apart; of the stature too."""
+"""Half the distance between the shoulders, and between the hips, as fractions of the stature."""
 WHEEL, CRANK = 0.34, 0.17
-"""Radius of a bicycle's wheel, and length of its crank, metres."""
+"""Radius of a bicycle's wheel and length of its crank, metres."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Body:
     stature : float
         Metres.
     girth : float
-        How thick limbs and trunk are; 1 is usual.
+        Factor on the thickness of limbs and trunk.
     segments : int
-        Of everything round.
+        Number of segments of round parts.
     """
 
     stature: float
@@ -40,13 +40,13 @@ class Body:
     segments: int
 
     def limb(self, ends: list[FloatArray], radii: tuple[float, ...]) -> MeshPart:
-        """Return rods from joint to joint, of these radii at the joints, in statures."""
+        """Return rods from joint to joint; `radii` at the joints are fractions of the stature."""
         r = [self.stature * self.girth * radius for radius in radii]
         pieces = zip(ends, ends[1:], r, r[1:], strict=False)
         return join(rod(a, b, start, self.segments, end) for a, b, start, end in pieces)
 
     def head_and_trunk(self, hips: FloatArray, lean: float) -> tuple[MeshPart, FloatArray]:
-        """Return trunk and head above the hips, leaning forward by degrees, and the middle of the shoulders."""
+        """Return trunk and head above the hips, leaning forward by degrees, and the centre of the shoulders."""
         s, g = self.stature, self.girth
         along = np.array([0.0, -np.sin(np.radians(lean)), np.cos(np.radians(lean))])
         shoulders = hips + TRUNK * s * along
@@ -61,7 +61,7 @@ class Body:
 
 
 def swung(root: FloatArray, lengths: tuple[float, float], angles: tuple[float, float]) -> list[FloatArray]:
-    """Return the joints of a limb that hangs from a root, turned forward by degrees: whole, and beyond its joint."""
+    """Return the joints of a limb below a root; it is turned forward by degrees, its part beyond the joint by more."""
     joints = [root]
     for length, angle in zip(lengths, np.radians(np.cumsum(angles)), strict=True):
         joints.append(joints[-1] + length * np.array([0.0, -np.sin(angle), -np.cos(angle)]))
@@ -69,7 +69,7 @@ def swung(root: FloatArray, lengths: tuple[float, float], angles: tuple[float, f
 
 
 def reaching(root: FloatArray, lengths: tuple[float, float], end: FloatArray, bend: FloatArray) -> list[FloatArray]:
-    """Return the joints of a limb that reaches from a root to an end, as far as it can, its joint towards `bend`."""
+    """Return the joints of a limb from a root towards an end, as far as its length allows, bent towards `bend`."""
     first, second = lengths
     way = end - root
     distance = min(float(np.linalg.norm(way)), 0.999 * (first + second))
@@ -117,8 +117,8 @@ POSES: dict[str, tuple[Swing, tuple[float, float]]] = {
     "running": (_running, (8, 18)),
     "on the phone": (_on_the_phone, (0, 10)),
 }
-"""For each pose how far legs and arms are swung (hip and knee, shoulder and elbow, left before right), and degrees from
-and to that the trunk leans."""
+"""Angles of each pose, degrees: hip and knee, then shoulder and elbow, left before right; and the range of the trunk's
+lean."""
 
 
 def pedestrian(draw: Draw, stature: float, girth: float) -> MeshPart:
@@ -150,7 +150,7 @@ def _shoe(ankle: FloatArray, stature: float, degrees: float) -> MeshPart:
 
 
 def _carried(draw: Draw, s: float, shoulders: FloatArray, hands: list[FloatArray]) -> list[MeshPart]:
-    """Return what a person carries or wears; nothing for one in two."""
+    """Return a random item that a person carries or wears; for half of them nothing."""
     found = []
     kind = draw.pick(("", "", "", "backpack", "bag", "hat"))
     if kind == "backpack":
@@ -172,7 +172,7 @@ def _carried(draw: Draw, s: float, shoulders: FloatArray, hands: list[FloatArray
 
 
 def cyclist(draw: Draw, stature: float, girth: float) -> MeshPart:
-    """Return a bicycle of a drawn kind with its rider, pedals at a drawn turn; wheels on z = 0."""
+    """Return a bicycle of a random kind with its rider and a random crank angle; its wheels stand on z = 0."""
     body, s = body_of(draw, stature, girth), stature
     lean, bar_z, bar_y = draw.pick(((8.0, 1.12, -0.32), (28.0, 1.04, -0.42), (52.0, 0.92, -0.5)))
     lean += draw.between(-5, 5)
@@ -204,7 +204,7 @@ def cyclist(draw: Draw, stature: float, girth: float) -> MeshPart:
 
 
 def _bicycle(saddle: FloatArray, crank: FloatArray, bar: FloatArray, long: float, segments: int) -> MeshPart:
-    """Return frame, wheels, handlebar and saddle; axles are 1.08 m and twice `long` apart."""
+    """Return frame, wheels, handlebar and saddle; the axles are 1.08 m plus twice `long` apart."""
     hub, fork = np.array([0.0, 0.53 + long, WHEEL]), np.array([0.0, -0.55 - long, WHEEL])
     head = np.array([0.0, -0.4, 0.8])
     ends = (

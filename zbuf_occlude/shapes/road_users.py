@@ -1,4 +1,4 @@
-"""Road users that are no cars: people, bicycles and motorcycles with riders, trucks, buses; as large as a box.
+"""Road users other than cars, as large as a given box: people, bicycles and motorcycles with riders, trucks, buses.
 
     shapes.road_user("truck", (12.3, 2.6, 2.9))        length, width, height in metres
     shapes.ROAD_USERS                                  the table of them
@@ -24,9 +24,9 @@ USUAL_SIDES = MappingProxyType(
         **{"tractor": (6.0, 2.5, 3.2), "trailer": (12.0, 2.5, 4.0)},
     }
 )
-"""Length, width and height of each, metres: assumed."""
+"""Default length, width and height, metres; assumed."""
 RIDDEN_FROM = 1.3
-"""A box at least this high, in metres, has a rider on its bicycle or motorcycle."""
+"""Minimum height of a bicycle or motorcycle with a rider, metres."""
 SEGMENTS = 12
 
 
@@ -38,18 +38,18 @@ def road_user(label: str, sides: Sequence[float] | FloatArray | None = None) -> 
     label : str
         One of `ROAD_USERS`. A ``bicycle`` or ``motorcycle`` of 1.3 m height or more has a rider.
     sides : (3,) float, optional
-        Length, width and height of the box, metres; the usual ones by default. Of a ``pedestrian`` only the height
-        counts: boxes of people hold their stride and what they carry.
+        Length, width and height of the box, metres. Default: `USUAL_SIDES`. Only the height of a ``pedestrian`` counts:
+        boxes of people include their stride and what they carry.
 
     Returns
     -------
     Mesh
-        Metres, z up, front towards -y as all built-in cars, the middle of its foot at the origin.
+        Metres, z up, front towards -y as in all built-in cars, the centre of its base at the origin.
 
     Raises
     ------
     OptionError
-        No such road user, or sides that are not positive.
+        An unknown road user, or sides that are not positive.
 
     Examples
     --------
@@ -85,13 +85,13 @@ def _person(length: float, width: float, height: float) -> MeshPart:
 
 
 def _wheel(radius: float, thickness: float) -> MeshPart:
-    """Return a tyre about the origin that rolls along y."""
+    """Return a tyre about the x axis."""
     ring = circle(2 * SEGMENTS) * (radius - thickness)
     return tube(np.insert(ring, 0, 0.0, axis=1), thickness, 6, closed=True)
 
 
 def _rider(seat: float) -> MeshPart:
-    """Return a figure that sits at a height, hands and feet 0.45 m before and 0.6 m below."""
+    """Return a seated figure at a height, with hands 0.45 m in front and feet 0.6 m below."""
     trunk = ellipsoid((0, 0, 0), (0.19, 0.13, 0.36), 2 * SEGMENTS).turned("x", 30).at(0, 0.02, seat + 0.27)
     head = ellipsoid((0, -0.25, seat + 0.68), (0.09, 0.11, 0.14), 2 * SEGMENTS)
     legs = [
@@ -126,7 +126,7 @@ def _motorcycle(length: float, width: float, height: float) -> MeshPart:
 
 
 def _axles(places: Sequence[float], width: float, radius: float) -> MeshPart:
-    """Return a pair of wheels at each of some places along y."""
+    """Return a pair of wheels at each of some positions along y."""
     wheel = cylinder(radius, -0.15, 0.15, 2 * SEGMENTS).turned("y", 90).at(width / 2 - 0.17, 0, radius)
     return repeated(pair(wheel), [(0.0, y, 0.0) for y in places])
 
@@ -167,4 +167,4 @@ ROAD_USERS: MappingProxyType[str, Callable[[float, float, float], MeshPart]] = M
         **{"truck": _truck, "tractor": _tractor, "trailer": _trailer},
     }
 )
-"""Each is modelled from length, width and height, metres, and then fitted to them."""
+"""Functions that model each road user from length, width and height, metres; the result is then scaled to them."""

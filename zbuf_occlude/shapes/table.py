@@ -49,9 +49,9 @@ def outline(draw: Draw, kind: str, w: float, d: float) -> FloatArray:
 
 
 def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> MeshPart:
-    """Return a table top of one of some kinds, 2 to 6 cm thick, whose upper side is at z.
+    """Return a table top of a kind, 2 to 6 cm thick, with its upper side at z.
 
-    Besides those of `outline` there are "planks" with gaps and "pane": a sheet without thickness in a frame.
+    Kinds are those of `outline`, "planks" (with gaps) and "pane" (a sheet without thickness in a frame).
     """
     thick, kind, x, y = draw.between(0.018, 0.065), draw.pick(kinds), w / 2, d / 2
     if kind == "planks":
@@ -70,7 +70,7 @@ def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> Mes
 
 
 def four_legged(draw: Draw, w: float, d: float, z: float, tops: tuple[str, ...], thick: float) -> MeshPart:
-    """Return a top on four legs, with an apron and stretchers as it comes."""
+    """Return a top on four legs, with a random apron and stretchers."""
     inset, splay = draw.between(0.6, 3.0) * thick, draw.pick((0.0, 0.0, 0.0, draw.between(3, 14)))
     x, y, t = w / 2 - inset, d / 2 - inset, 0.012
     parts = [top(draw, w, d, z, tops), four_legs(draw, draw.pick(LEGS), x, y, z - 0.02, thick, splay)]
@@ -132,7 +132,7 @@ def _square(draw: Draw) -> MeshPart:
 
 
 def _coffee(draw: Draw) -> MeshPart:
-    """Low, often with a shelf below."""
+    """A low table, often with a shelf below."""
     w, d, z = draw.between(0.7, 1.7), draw.between(0.45, 1.0), draw.between(0.24, 0.5)
     thick, kind = draw.between(0.03, 0.12), draw.pick(("shelf", "glass", "slabs", "kidney"))
     x, y = w / 2 - thick * 0.7, d / 2 - thick * 0.7
@@ -159,7 +159,7 @@ def _coffee(draw: Draw) -> MeshPart:
 
 
 def _round(draw: Draw) -> MeshPart:
-    """On one foot: café, bar and dining."""
+    """A table on one foot: café, bar and dining."""
     w, z, stretch = draw.between(0.45, 1.7), draw.between(0.45, 1.15), draw.pick((1.0, 1.0, draw.between(0.6, 0.85)))
     plate = top(draw, w, w * stretch, z, ("ellipse", "ellipse", "ellipse", "polygon", "barrel"))
     return plate + table_pedestal(draw, min(w, 1.2) * stretch, z - 0.02)
@@ -206,7 +206,7 @@ def _trestle(draw: Draw) -> MeshPart:
 
 
 def _desk(draw: Draw) -> MeshPart:
-    """One or two cases of drawers below the top; sometimes pigeon-holes above."""
+    """A desk with one or two cases of drawers below the top, sometimes with pigeon-holes above."""
     w, d, z, low = draw.between(1.0, 2.0), draw.between(0.5, 0.95), draw.between(0.68, 0.8), draw.pick((0.0, 0.08))
     case, x, y = draw.between(0.2, 0.36) * w, w / 2, d / 2
     x0 = x - case - 0.02
@@ -235,7 +235,7 @@ def _desk(draw: Draw) -> MeshPart:
 
 
 def _corner(draw: Draw) -> MeshPart:
-    """An L of two tops."""
+    """An L-shaped table of two tops."""
     w, d, z, arm = draw.between(1.2, 2.1), draw.between(0.5, 0.85), draw.between(0.68, 0.8), draw.between(1.1, 2.0)
     t, x, y = draw.between(0.02, 0.06), w / 2, arm / 2
     tops = cuboid((-x, y - d, z - t), (x, y, z)) + cuboid((-x, -y, z - t), (d - x, y - d, z))
@@ -255,7 +255,7 @@ def _corner(draw: Draw) -> MeshPart:
 
 
 def _console(draw: Draw) -> MeshPart:
-    """Narrow, for a wall."""
+    """A narrow table for a wall."""
     w, d, z = draw.between(0.8, 2.0), draw.between(0.25, 0.5), draw.between(0.7, 1.1)
     x, y = w / 2 - 0.05, d / 2 - 0.03
     parts = [four_legged(draw, w, d, z, ("rectangle", "rounded", "barrel"), draw.between(0.03, 0.07))]
@@ -269,7 +269,7 @@ def _console(draw: Draw) -> MeshPart:
 
 
 def _waterfall(draw: Draw) -> MeshPart:
-    """One bent sheet, or legs of one bent pipe."""
+    """A table of one bent sheet, or with legs of one bent pipe."""
     w, d, z = draw.between(0.5, 1.8), draw.between(0.4, 1.0), draw.between(0.3, 0.82)
     radius, t, x, lean = draw.between(0.02, 0.28), draw.between(0.01, 0.06), w / 2, draw.between(-0.12, 0.12) * w
     path = bent([(-x - lean, 0, 0), (-x, 0, z), (x, 0, z), (x + lean, 0, 0)], radius, draw.round(6))
@@ -290,7 +290,7 @@ def _waterfall(draw: Draw) -> MeshPart:
 
 
 def _crossed(draw: Draw) -> MeshPart:
-    """Crossed legs: folding, picnic (with benches), campaign tables."""
+    """A table with crossed legs: folding, picnic (with benches), campaign."""
     w, d, z, t = draw.between(0.6, 2.2), draw.between(0.45, 1.0), draw.between(0.4, 0.82), draw.between(0.018, 0.055)
     x, y = draw.between(0.34, 0.46) * w, draw.between(0.34, 0.46) * d
     parts = [top(draw, w, d, z, ("planks", "rectangle", "rounded"))]
@@ -341,7 +341,7 @@ def _game(draw: Draw) -> MeshPart:
 
 
 def _side(draw: Draw) -> MeshPart:
-    """Small: bedside cabinet, nest of tables, C-shaped, tray."""
+    """A small table: bedside cabinet, nest of tables, C-shaped, tray."""
     w, d, z = draw.between(0.3, 0.65), draw.between(0.28, 0.55), draw.between(0.4, 0.75)
     kind, x, y = draw.pick(("case", "nest", "C", "tray")), w / 2, d / 2
     if kind == "nest":

@@ -3,7 +3,7 @@
     shapes.traffic.make("pedestrian", 7)        one member, a Mesh
     shapes.traffic.collection()                 six classes of 75, nothing built yet
 
-Sizes are drawn from normal distributions, cut at two standard deviations (`SIZES`, `STATURES`).
+Sizes are drawn from normal distributions, truncated at two standard deviations (`SIZES`, `STATURES`).
 """
 
 import zlib
@@ -26,7 +26,7 @@ from zbuf_occlude.shapes.people import cyclist, pedestrian
 from zbuf_occlude.shapes.road_users import ROAD_USERS
 
 VERSION = 1
-"""Raised whenever a member changes, so that datasets half made of the old ones are not gone on with."""
+"""Version of the shapes, raised with every change: an unfinished dataset of old shapes is then not resumed."""
 
 SIZES = MappingProxyType(
     {
@@ -36,19 +36,19 @@ SIZES = MappingProxyType(
         "bus": ((11.19, 2.95, 3.47), (0.10, 0.03, 0.05)),
     }
 )
-"""Length, width and height of vehicles: the mean, metres, and the standard deviation as a share of it.
+"""Length, width and height of vehicles: the mean, metres, and the standard deviation as a fraction of the mean.
 
-Means of car, van and truck are those of KITTI's training boxes, as Frustum PointNets (Qi et al. 2018) publishes them;
-of the bus those of nuScenes's boxes (v1.0-trainval), mirrors included. Deviations of the car are measured on the 33
-cars of nine of KITTI's sweeps; all others are assumed.
+Means of car, van and truck are those of KITTI's training boxes, published by Frustum PointNets (Qi et al. 2018). Means
+of the bus are those of nuScenes's boxes (v1.0-trainval), mirrors included. Deviations of the car are measured on 33
+cars in nine of KITTI's sweeps; all others are assumed.
 """
 STATURES = ((1.756, 0.069), (1.629, 0.064))
 """Stature of men and of women, mean and standard deviation, metres: ANSUR II (Gordon et al. 2014, NATICK/TR-15/007)."""
 CHILDREN, CHILD = 0.1, (1.3, 0.12)
-"""Share of pedestrians that are children, and their stature: assumed."""
+"""Share of pedestrians that are children, and their stature; assumed."""
 GIRTH = (1.0, 0.1)
-"""Of people, by the usual: assumed, about half of ANSUR II's relative deviation of weight (0.16), as weight goes with
-the square of a girth."""
+"""Mean and standard deviation of the factor `Body.girth`; assumed: about half the relative deviation of the weight in
+ANSUR II (0.16), as the weight grows with the square of the girth."""
 
 
 def normal(draw: Draw, mean: float, deviation: float) -> float:
@@ -62,27 +62,27 @@ def stature_of(draw: Draw) -> float:
 
 
 def fitted(part: MeshPart, sides: FloatArray) -> MeshPart:
-    """Return a part as large as a box, (width, length, height), the middle of its foot at the origin."""
+    """Return a part scaled to a box (width, length, height), with the centre of its base at the origin."""
     low, high = part.points.min(axis=0), part.points.max(axis=0)
     foot = (low + high) / 2.0 * [1.0, 1.0, 0.0] + low * [0.0, 0.0, 1.0]
     return part.at(*-foot).scaled(*(sides / (high - low)))
 
 
 def _sides(draw: Draw, label: str) -> tuple[float, float, float]:
-    """Draw length, width and height."""
+    """Return a random length, width and height."""
     length, width, height = (normal(draw, mean, mean * share) for mean, share in zip(*SIZES[label], strict=True))
     return length, width, height
 
 
 def _vehicle(draw: Draw, label: str) -> MeshPart:
-    """Return a vehicle of a class in one of its builds, as large as a drawn box."""
+    """Return a vehicle of a class in a random build, as large as a random box."""
     length, width, height = _sides(draw, label)
     part = draw.pick(_BUILDS[label])(draw, length, width, height)
     return fitted(part, np.array([width, length, height]))
 
 
 def _articulated(draw: Draw, length: float, width: float, height: float) -> MeshPart:
-    """Return a tractor and its trailer; a box truck where there is no room for them."""
+    """Return a tractor and its trailer, or a box truck where there is no room for them."""
     if length < 10.0:
         return ROAD_USERS["truck"](length, width, height)
     tractor = ROAD_USERS["tractor"](5.5, width, height)
@@ -122,7 +122,7 @@ def _box_truck(draw: Draw, length: float, width: float, height: float) -> MeshPa
 
 
 def _bus(draw: Draw, length: float, width: float, height: float) -> MeshPart:
-    """Return a bus with mirrors, perhaps with what cools it on its roof."""
+    """Return a bus with mirrors, perhaps with an air conditioner on its roof."""
     body, x = ROAD_USERS["bus"](length, 0.86 * width, 0.93 * height), 0.43 * width
     mirror = cuboid((x, -length / 2 - 0.2, 0.6 * height), (width / 2, -length / 2 - 0.05, 0.75 * height), edge=0.03)
     parts = [
@@ -166,21 +166,21 @@ MAKERS: MappingProxyType[str, Callable[[Draw], MeshPart]] = MappingProxyType(
         "van": partial(_vehicle, label="van"),
     }
 )
-"""For each class what models a member."""
+"""Function that models a member, by class."""
 CLASSES = tuple(MAKERS)
 
 
 def make(label: str, index: int, seed: int = 0) -> Mesh:
-    """Build one road user.
+    """Return one road user.
 
     Parameters
     ----------
     label : str
         One of `CLASSES`.
     index : int
-        Which member, from 0. The first `MEMBERS` are those of `collection`; there is no last one.
+        Number of the member, from 0. The first `MEMBERS` are those of `collection`; there is no limit.
     seed : int
-        Another seed gives other road users of the same kind.
+        Seed of the road users; another one gives others of the same kind.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def make(label: str, index: int, seed: int = 0) -> Mesh:
     number = zlib.crc32(f"road-users/{label}".encode())
     part = MAKERS[label](Draw(np.random.default_rng(np.random.SeedSequence([seed, number, index]))))
     low, high = part.points.min(axis=0), part.points.max(axis=0)
-    # single precision, as files have it; it also makes the last bits alike on all processors
+    # single precision, as in files; it also makes the last bits equal on all processors
     points = (part.points - [*((low + high) / 2)[:2], low[2]]).astype(np.float32).astype(np.float64)
     return Mesh(points, part.faces, name=f"{label}_{index:04d}", origin=_origin(label, index, seed)).cleaned()
 
@@ -212,7 +212,10 @@ def make(label: str, index: int, seed: int = 0) -> Mesh:
 def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     """Return road users as a collection, `n_members` of each class, with the splits of the families.
 
-    OptionError for less than one member, or a negative seed.
+    Raises
+    ------
+    OptionError
+        `n_members` is less than 1, or the seed negative.
     """
     check_int("n_members", n_members, 1)
     check_int("seed", seed, 0)

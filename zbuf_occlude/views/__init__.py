@@ -1,4 +1,4 @@
-"""Views: where cameras stand and how they are turned; sets of positions, files of cameras, what people type."""
+"""Views: positions and orientations of cameras, by specification, by formula, or from files."""
 
 from zbuf_occlude.views.cameras import from_colmap, from_csv, from_json
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views

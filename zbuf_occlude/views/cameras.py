@@ -1,8 +1,8 @@
 """Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text and binary files.
 
-Cameras have positions in the mesh's own coordinates (after `up` has turned it) and need not look at it. K is in pixels
-with y down and the corner of the upper left pixel at (0, 0). R and t take world space to OpenCV's eye space (x right,
-y down, z forward). transforms.json holds OpenGL's matrices, from eye to world space.
+Camera positions are in the mesh's own coordinates (after `up` has turned it); cameras need not look at the mesh. K is
+in pixels with y down and the upper left corner of the image at (0, 0). R and t map world space to OpenCV's eye space (x
+right, y down, z forward). transforms.json has OpenGL's matrices, from eye to world space.
 """
 
 import mmap
@@ -17,12 +17,12 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
-from zbuf_occlude.views.model import MOST_PIXELS, NOT_A_ROTATION, PAPER_DISTANCE, Views
+from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
-"""OpenCV's eye space to OpenGL's."""
+"""Matrix from OpenCV's eye space to OpenGL's."""
 
-_SIZE, _PLACE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
+_SIZE, _COORDINATE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
 _VIEWS = {
     **dict.fromkeys(("azimuth", "roll"), Number(-3600.0, 3600.0, "degrees", ((-1,),))),
     "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
@@ -32,12 +32,12 @@ _ROTATION, _TRANSLATION, _K = Number(-2.0, 2.0, shapes=((3, 3),)), Number(shapes
 _QUATERNION = Number(-np.finfo(float).max, np.finfo(float).max, shapes=((4,),))
 _TO_WORLD = Number(shapes=((3, 4), (4, 4)))
 _R_COLUMNS, _T_COLUMNS = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)], ["t1", "t2", "t3"]
-_INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _PLACE, "cy": _PLACE, "width": _SIZE, "height": _SIZE}
+_INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _COORDINATE, "cy": _COORDINATE, "width": _SIZE, "height": _SIZE}
 _DISTORTION = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), Number())
-"""What transforms.json may say of its cameras, and pinholes do not have."""
-_OF_FRAMES = {
+"""Distortion parameters of transforms.json; a pinhole's are 0."""
+_FRAME_NUMBERS = {
     **dict.fromkeys(("w", "h", "fl_x", "fl_y"), _SIZE),
-    **dict.fromkeys(("cx", "cy"), _PLACE),
+    **dict.fromkeys(("cx", "cy"), _COORDINATE),
     "camera_angle_x": Number(1e-3, 3.14, "radians"),
     **_DISTORTION,
 }
@@ -46,30 +46,30 @@ _COLMAP_MODELS = (
     ("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12),
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 )  # fmt: skip
-"""Names and numbers of parameters by the number that binary files have for a model."""
+"""COLMAP's camera models, in the order of their ids in binary files: name, and number of parameters."""
 _FOCALS = {"SIMPLE_PINHOLE": 1, "SIMPLE_RADIAL": 1, "RADIAL": 1, "PINHOLE": 2, "OPENCV": 2, "FULL_OPENCV": 2}
-"""Focal lengths of the models that are pinholes where their other parameters, but for the centre, are 0."""
+"""Number of focal lengths of the models that are pinholes where all distortion parameters are 0."""
 
 
 class _Camera(NamedTuple):
-    """A camera of a file: where it stands, world to OpenCV's eye space, and its picture."""
+    """A camera of a file."""
 
-    eye: FloatArray
-    rotation: FloatArray
-    window: Sequence[float] | None  # tangents left, right, bottom, top
-    size: tuple[int, int] | None  # pixels, where the file says so
+    eye: FloatArray  # world space
+    rotation: FloatArray  # world to OpenCV's eye space
+    fov_bounds: Sequence[float] | None  # tangents left, right, bottom, top
+    size: tuple[int, int] | None  # pixels, where the file has them
 
 
 def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
-    """Read views or cameras from a CSV with a header.
+    """Read views or cameras from a CSV file with a header.
 
-    Views have the columns azimuth, elevation (degrees) and, optionally, distance, in longest sides of the object, and
-    roll, in degrees. Cameras have r11, r12, ... r33, t1, t2, t3 and, optionally, fx, fy, cx, cy, width, height.
+    Views have the columns azimuth, elevation (degrees) and optionally distance (in longest sides of the object) and
+    roll (degrees). Cameras have r11, r12, ... r33, t1, t2, t3 and optionally fx, fy, cx, cy, width, height.
 
     Raises
     ------
     OptionError
-        The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
+        The file is missing; a column or all rows are missing; a value is no number or out of range.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     columns, where = parse_document("CSV", read_limited(Path(path)), path), escape_control(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
         rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
-        return _views(Path(path), rows, _camera_of_row)
+        return _views(Path(path), rows, _camera_from_row)
     if not {"azimuth", "elevation"} <= set(columns):
         found = ", ".join(columns)
         raise OptionError(
@@ -102,7 +102,7 @@ def from_json(path: Path) -> Views:
     Raises
     ------
     OptionError
-        The file is missing or holds no cameras of these forms.
+        The file is missing, or contains no such cameras.
 
     Examples
     --------
@@ -117,14 +117,14 @@ def from_json(path: Path) -> Views:
     document = parse_document("JSON", data, path)
     if isinstance(document, dict) and "frames" in document:
         shared = {key: value for key, value in document.items() if key != "frames"}
-        return _views(path, document["frames"], lambda frame: _camera_of_frame({**shared, **frame}))
+        return _views(path, document["frames"], lambda frame: _camera_from_frame({**shared, **frame}))
     if isinstance(document, dict):
         document = document.get("cameras", [document])
-    return _views(path, document, _camera_of_object)
+    return _views(path, document, _camera_from_object)
 
 
 def from_colmap(path: Path) -> Views:
-    """Read COLMAP's images.txt or .bin, and cameras of that ending next to it: pinhole models without distortion.
+    """Read COLMAP's images.txt or .bin and the cameras file beside it: pinhole models without distortion.
 
     Raises
     ------
@@ -141,55 +141,55 @@ def from_colmap(path: Path) -> Views:
     beside = path.with_name(f"cameras{path.suffix}")
     models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
     if beside.exists() and not models:
-        raise OptionError(f"{escape_control(str(beside))} must hold cameras; it holds none. Copy it again.")
-    return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
+        raise OptionError(f"{escape_control(str(beside))} contains no cameras. Copy it again.")
+    return _views(path, _colmap_rows(path), lambda row: _camera_from_image(row, models))
 
 
 def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
-    """Turn what a file holds into views; errors name the file."""
+    """Return the views of a file's items; errors name the file."""
     cameras: list[_Camera] = []
     try:
         for item in items:
             cameras.append(read(item))
         if not cameras:
-            raise ValueError("it holds none")
+            raise ValueError("it has none")
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        said = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+        cause = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise OptionError(
-            f"{escape_control(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
-            f"({said:.200})."
+            f"{escape_control(str(path))} must contain cameras, each with R and t; number {len(cameras)} cannot be "
+            f"read ({cause:.200})."
         ) from None
-    eyes, rotations, windows, sizes = (list(each) for each in zip(*cameras, strict=True))
-    return Views.of_cameras(
+    eyes, rotations, fov_bounds, sizes = (list(each) for each in zip(*cameras, strict=True))
+    return Views.from_cameras(
         np.array(eyes),
         _TO_GL @ rotations,
-        None if None in windows else np.array(windows),
+        None if None in fov_bounds else np.array(fov_bounds),
         sizes=None if None in sizes else np.array(sizes, np.int32),
     )
 
 
 def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, has_size: bool = True) -> _Camera:
-    """Check R, t and fx, fy, cx, cy, width, height; `has_size`: whether width and height are the file's."""
+    """Return the camera of R, t and fx, fy, cx, cy, width, height; `has_size` is True where the size is the file's."""
     turn, moved = np.array(_ROTATION.read("R", rotation)), np.array(_TRANSLATION.read("t", translation))
-    if not np.abs(turn @ turn.T - np.eye(3)).max() < NOT_A_ROTATION or np.linalg.det(turn) < 0:
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_TOLERANCE or np.linalg.det(turn) < 0:
         raise ValueError("R must be a rotation, and is none")
-    window = size = None
+    fov_bounds = size = None
     if intrinsics is not None:
         fx, fy, cx, cy, width, height = (
             kind.read(name, value) for (name, kind), value in zip(_INTRINSICS.items(), intrinsics, strict=True)
         )
-        window = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
+        fov_bounds = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
         if has_size and width == int(width) and height == int(height) and width * height <= MOST_PIXELS:
             size = int(width), int(height)
-    return _Camera(-turn.T @ moved, turn, window, size)
+    return _Camera(-turn.T @ moved, turn, fov_bounds, size)
 
 
-def _camera_of_row(row: Mapping[str, str]) -> _Camera:
+def _camera_from_row(row: Mapping[str, str]) -> _Camera:
     intrinsics = [row[name] for name in _INTRINSICS] if row.get("fx") else None
     return _camera([row[name] for name in _R_COLUMNS], [row[name] for name in _T_COLUMNS], intrinsics)
 
 
-def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
+def _camera_from_object(item: Mapping[str, Any]) -> _Camera:
     intrinsics = None
     if "K" in item:
         (fx, skew, cx), (zero, fy, cy), last = _K.read("K", item["K"])
@@ -199,13 +199,13 @@ def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
     return _camera(item["R"], item["t"], intrinsics, {"width", "height"} <= item.keys())
 
 
-def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
+def _camera_from_frame(frame: Mapping[str, Any]) -> _Camera:
     to_world = np.array(_TO_WORLD.read("transform_matrix", frame["transform_matrix"]))
     if to_world[3:].tolist() not in ([], [[0.0, 0.0, 0.0, 1.0]]):
         raise ValueError("the last row of transform_matrix must be 0 0 0 1, and is not")
     if (model := frame.get("camera_model", "PINHOLE")) not in (*_FOCALS, "PERSPECTIVE") or frame.get("is_fisheye"):
         raise ValueError(f"its camera_model {escape_control(str(model))} is no pinhole; undistort the images first")
-    given = {name: kind.read(name, frame[name]) for name, kind in _OF_FRAMES.items() if frame.get(name) is not None}
+    given = {name: kind.read(name, frame[name]) for name, kind in _FRAME_NUMBERS.items() if frame.get(name) is not None}
     if bent := [name for name in _DISTORTION if given.get(name)]:
         raise ValueError(f"{bent[0]} is {given[bent[0]]}, a distortion; undistort the images first")
     width, height, focal = (given.get(name) for name in ("w", "h", "fl_x"))
@@ -220,7 +220,7 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics, {"w", "h"} <= given.keys())
 
 
-def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
+def _camera_from_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
     w, x, y, z = unit_quaternions(_QUATERNION.read("the quaternion", row[1:5]))
     rotation, intrinsics = rotations_of([x, y, z, w]), None
     if models:
@@ -238,12 +238,12 @@ def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) ->
 
 
 def _colmap_rows(path: Path) -> list[list[Any]]:
-    """Return the rows of cameras.txt, or every second one of images.txt: what is between are points; or as if of .bin.
+    """Return the rows of a cameras or images file, text or binary; in images.txt every second row, without the points.
 
     Raises
     ------
     OptionError
-        It cannot be read, or ends too early.
+        The file cannot be read, or ends too early.
     """
     images = path.stem.endswith("images")
     try:
@@ -254,28 +254,28 @@ def _colmap_rows(path: Path) -> list[list[Any]]:
             lines = [line.split(None, 20) for line in text if not line.startswith("#")]
         return list(filter(None, lines[:: 1 + images]))
     except (OSError, ValueError, OverflowError, struct.error) as error:
-        said = "it ends too early" if isinstance(error, struct.error) else describe(error)
-        raise OptionError(f"a file of COLMAP's must be readable; {escape_control(str(path))}: {said}.") from None
+        cause = "it ends too early" if isinstance(error, struct.error) else describe(error)
+        raise OptionError(f"{escape_control(str(path))}: cannot read the COLMAP file: {cause}.") from None
 
 
 def _binary_cameras(data: mmap.mmap) -> list[list[Any]]:
-    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    rows, (n,), offset = [], struct.unpack_from("<Q", data), 8
     for _ in range(n):
-        camera, model, width, height = struct.unpack_from("<iiQQ", data, place)
+        camera, model, width, height = struct.unpack_from("<iiQQ", data, offset)
         if not 0 <= model < len(_COLMAP_MODELS):
-            raise ValueError(f"camera {camera} is of model {model}, which is not known")
+            raise ValueError(f"camera {camera} has the unknown model {model}")
         name, n_parameters = _COLMAP_MODELS[model]
-        rows.append([camera, name, width, height, *struct.unpack_from(f"<{n_parameters}d", data, place + 24)])
-        place += 24 + 8 * n_parameters
+        rows.append([camera, name, width, height, *struct.unpack_from(f"<{n_parameters}d", data, offset + 24)])
+        offset += 24 + 8 * n_parameters
     return rows
 
 
 def _binary_images(data: mmap.mmap) -> list[list[Any]]:
-    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    rows, (n,), offset = [], struct.unpack_from("<Q", data), 8
     for _ in range(n):
-        rows.append(list(struct.unpack_from("<I7dI", data, place)))
-        end = data.find(b"\0", place + 64)  # of the picture's name, which points follow
-        place = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data) + 1
-    if place > len(data):
+        rows.append(list(struct.unpack_from("<I7dI", data, offset)))
+        end = data.find(b"\0", offset + 64)  # of the image's name, before the points
+        offset = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data) + 1
+    if offset > len(data):
         raise struct.error
     return rows

@@ -1,4 +1,4 @@
-"""Sets of camera positions: the paper's (Eq. 11-12, section 4.3), the usual others, and what a person types for them.
+"""Sets of camera positions: the paper's (Eq. 11-12, section 4.3) and common others; and their specifications as text.
 
 To add a specification: a row in `SPECIFICATIONS`, with its function here or in `cameras.py`.
 """
@@ -19,13 +19,13 @@ from zbuf_occlude.views import cameras
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 MAX_VIEWS = 1_000_000
-"""A mistyped specification must not fill the memory."""
+"""Maximum number of views: a mistyped specification must not fill the memory."""
 
 Seed = int | np.random.SeedSequence
 
 
 def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTANCE, roll: float = 0.0) -> Views:
-    """Return one view, by angles in degrees as they are typed, about the origin.
+    """Return one view about the origin from angles in degrees.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTAN
     elevation : float
         Degrees above the xy plane, within -90..90; 90 is +z.
     distance : float
-        In whatever unit; `Views.around` turns longest sides into those of a mesh.
+        Any unit; `Views.around` converts multiples of a mesh's longest side to its units.
     roll : float
         Degrees; positive turns the camera's top towards its right.
 
     Raises
     ------
     ArgumentError
-        Not finite, or out of range.
+        A value is not finite or out of range.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def modelnet8(distance: float = PAPER_DISTANCE) -> Views:
 
 
 def ring(n_views: int, *, elevation: float, distance: float = PAPER_DISTANCE) -> Views:
-    """Return `n_views` equally spaced azimuths at one elevation, degrees.
+    """Return views at `n_views` equally spaced azimuths and one elevation, degrees.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def grid(
     elevation: tuple[float, float] = (-90.0, 90.0),
     distance: float = PAPER_DISTANCE,
 ) -> Views:
-    """Return equally spaced elevations between two, degrees, ends included, by equally spaced azimuths.
+    """Return views at equally spaced elevations between two, degrees, ends included, and equally spaced azimuths.
 
     Section 4.3 suggests ``elevation=(0, 50)`` for automated driving.
 
@@ -139,7 +139,7 @@ def random(
     distance: float = PAPER_DISTANCE,
     seed: Seed = 0,
 ) -> Views:
-    """Return `n_views` positions uniform over the sphere's band between two elevations, degrees.
+    """Return `n_views` positions distributed uniformly over the sphere between two elevations, degrees.
 
     Examples
     --------
@@ -153,11 +153,11 @@ def random(
 
 
 def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -> Views:
-    """Return `n_views` poses uniform over all rotations: positions uniform over the sphere, each with a uniform roll.
+    """Return `n_views` poses distributed uniformly over all rotations: uniform positions, each with a uniform roll.
 
     References
     ----------
-    PCN (Yuan et al. 2018) draws its camera poses so, for each object anew.
+    PCN (Yuan et al. 2018) draws its camera poses in this way, separately for each object.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def _positive(count: int, name: str) -> int:
 _NUMBER = r"([-+]?\d+(?:\.\d*)?)"
 _RANGE = rf"(?:@{_NUMBER}\.\.{_NUMBER})?"
 _COUNT = r"(\d{1,9})"
-"""More digits than any number of views has."""
+"""Pattern of a count: nine digits are more than `MAX_VIEWS` has."""
 
 Make = Callable[[Sequence[Any], float, Seed], Views]
 
@@ -203,19 +203,19 @@ class Specification:
     Parameters
     ----------
     form : str
-        As it is shown to people.
+        Text of the form for messages and help.
     pattern : str
         Regular expression of the whole specification.
     make : callable
-        Returns the views from what the pattern's groups found, a distance in longest sides, and a seed.
-    drawn : bool
-        Whether views are drawn at random: a dataset draws them for each object anew.
+        Returns the views for the groups of the pattern, a distance in longest sides, and a seed.
+    is_random : bool
+        True where the views are random; a dataset draws them separately for each object.
     """
 
     form: str
     pattern: str
     make: Make
-    drawn: bool = False
+    is_random: bool = False
 
 
 def _ring(found: Sequence[Any], distance: float, seed: Seed) -> Views:
@@ -223,11 +223,11 @@ def _ring(found: Sequence[Any], distance: float, seed: Seed) -> Views:
 
 
 def _grid(found: Sequence[Any], distance: float, seed: Seed) -> Views:
-    return grid(int(found[0]), int(found[1]), elevation=_typed(*found[2:]), distance=distance)
+    return grid(int(found[0]), int(found[1]), elevation=_band_of(*found[2:]), distance=distance)
 
 
 def _random(found: Sequence[Any], distance: float, seed: Seed) -> Views:
-    return random(int(found[0]), elevation=_typed(*found[1:]), distance=distance, seed=seed)
+    return random(int(found[0]), elevation=_band_of(*found[1:]), distance=distance, seed=seed)
 
 
 SPECIFICATIONS: tuple[Specification, ...] = (
@@ -238,12 +238,12 @@ SPECIFICATIONS: tuple[Specification, ...] = (
     Specification(
         "fibonacci:N", rf"fibonacci:{_COUNT}", lambda found, distance, seed: fibonacci(int(found[0]), distance)
     ),
-    Specification("random:N[@EL0..EL1]", rf"random:{_COUNT}{_RANGE}", _random, drawn=True),
+    Specification("random:N[@EL0..EL1]", rf"random:{_COUNT}{_RANGE}", _random, is_random=True),
     Specification(
         "random-so3:N",
         rf"random-so3:{_COUNT}",
         lambda found, distance, seed: random_so3(int(found[0]), distance, seed),
-        drawn=True,
+        is_random=True,
     ),
     Specification(
         "a CSV of views or cameras",
@@ -264,7 +264,7 @@ SPECIFICATIONS: tuple[Specification, ...] = (
 
 
 def forms() -> str:
-    """Return a sentence that lists what may be typed.
+    """Return the list of all specifications, as part of a sentence.
 
     Examples
     --------
@@ -276,23 +276,23 @@ def forms() -> str:
 
 
 def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthest: float | None = None) -> Views:
-    """Make views from what a person types: angles in degrees, distances in longest sides.
+    """Return the views of a specification: angles in degrees, distances in longest sides.
 
     Parameters
     ----------
     spec : str
         One of `forms`.
     distance : float
-        For all but files that say it themselves.
+        Distance, unless a file has its own.
     seed : int or SeedSequence
-        For what is drawn at random.
+        Seed of random views and distances.
     farthest : float, optional
-        Distances are drawn uniformly between `distance` and this one, for all but files that say them.
+        Distances are drawn uniformly from `distance` to this one, unless a file has its own.
 
     Raises
     ------
     OptionError
-        Not understood; the message says what there is.
+        An unknown specification; the message lists all.
 
     Examples
     --------
@@ -300,7 +300,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     Views(12 views about (0, 0, 0))
     """
     row, found = _find(spec)
-    generator(seed)  # for its error, of specifications that draw nothing too
+    generator(seed)  # for its error, also where nothing is drawn
     distance = _away(distance)
     views = row.make(found, distance, seed)
     if farthest is None or views.rotations is not None:
@@ -310,7 +310,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
-    own = views.distance == row.make(found, farthest, seed).distance  # of a table with a column of distances
+    own = views.distance == row.make(found, farthest, seed).distance  # distances of a file
     lengths = np.where(own, views.distance, lengths)
     return replace(views, distance=lengths)
 
@@ -323,14 +323,14 @@ def for_mesh(
     seed: Seed = 0,
     farthest: float | None = None,
 ) -> Views:
-    """Return views about a mesh, in its own units: what `parse` makes, around its centre.
+    """Return views about the centre of a mesh, in its units.
 
     Parameters
     ----------
     mesh : Mesh
-        Or anything else that is one (`as_mesh`).
+        Or anything else that is a mesh (`as_mesh`).
     spec : str or Views
-        As `parse` takes it; or views about the origin, distances in longest sides.
+        A specification as of `parse`; or views about the origin, distances in longest sides.
     distance, seed, farthest
         As in `parse`; distances in multiples of the mesh's longest side.
 
@@ -352,14 +352,14 @@ def for_mesh(
 
 
 def is_random(spec: str) -> bool:
-    """Return whether views are drawn at random.
+    """Return whether a specification gives random views.
 
     Examples
     --------
     >>> zo.views.is_random("random:5"), zo.views.is_random("paper100")
     (True, False)
     """
-    return _find(spec)[0].drawn
+    return _find(spec)[0].is_random
 
 
 def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
@@ -370,7 +370,7 @@ def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
 
 
 def _wrong_part(spec: str) -> str:
-    """Return a sentence that says what of a specification is not understood."""
+    """Return a sentence on the part of a specification that is not understood."""
     if not isinstance(spec, str):
         return ""
     word, _, rest = spec.partition(":")
@@ -383,12 +383,12 @@ def _wrong_part(spec: str) -> str:
     return f" After {word}: must come {form}; got {rest!r:.40}." if colon else f" {word} takes nothing after it."
 
 
-def _typed(low: str | None = None, high: str | None = None) -> tuple[float, float]:
+def _band_of(low: str | None = None, high: str | None = None) -> tuple[float, float]:
     return float(low or -90.0), float(high or 90.0)
 
 
 def _band(elevation: tuple[float, float]) -> tuple[float, float]:
-    """Return two elevations, degrees, as radians."""
+    """Return two elevations in degrees as radians."""
     try:
         low, high = (as_number(each, "elevation", "a number") for each in elevation)
     except (TypeError, ValueError):

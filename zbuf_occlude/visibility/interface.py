@@ -90,7 +90,7 @@ class VisibilityQuery(ABC):
             n points, world space; ``face_ids`` index ``mesh.faces``.
         eyes : (k, 3) float, (3,) float, or Views
             Centres of projection, world space; anywhere but on the surface. Points outside the pictures of Views with
-            a field of view (`Views.windows`) are hidden.
+            a field of view (`Views.fov_bounds`) are hidden.
 
         Returns
         -------
@@ -115,7 +115,7 @@ class VisibilityQuery(ABC):
             )
         if isinstance(eyes, Views):
             mask = self.visible(points, eyes.eyes)
-            return mask if eyes.windows is None else mask & eyes.in_frustum(points.positions)
+            return mask if eyes.fov_bounds is None else mask & eyes.in_frustum(points.positions)
         eyes = as_array(eyes, "eyes", "(k, 3) float")
         if eyes.shape == (3,):
             return self.visible(points, eyes[None])[0]

@@ -14,7 +14,7 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.sensors.boxes import CENTRE, FOCAL, TO_CAMERA
 from zbuf_occlude.sensors.frames import png
-from zbuf_occlude.sensors.scanning import look_at
+from zbuf_occlude.sensors.poses import look_at
 from zbuf_occlude.shapes.road_users import RIDDEN_FROM
 
 FOLDERS = {"train": "training", "val": "training", "test": "testing"}
@@ -103,7 +103,7 @@ def _labels(record: Any) -> list[str]:
         turned = np.arctan2(-heading[0], -heading[1])
         alpha = (turned - np.arctan2(x, z) + np.pi) % (2 * np.pi) - np.pi
         occluded = int(np.searchsorted(OCCLUDED, box["hidden"], side="right"))
-        numbers = (alpha, *box["window"], height, width, length, x, y, z, turned)
+        numbers = (alpha, *box["bbox"], height, width, length, x, y, z, turned)
         words = " ".join(f"{number:.4f}" for number in numbers)
         kind = "Cyclist" if label in RIDDEN and height >= RIDDEN_FROM else TYPES.get(label, "Misc")
         lines.append(f"{kind} {box['truncated']:.2f} {occluded} {words}")

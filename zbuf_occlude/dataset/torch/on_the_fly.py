@@ -27,7 +27,7 @@ from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Sensor, make
-from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import ScanConfig
@@ -467,7 +467,7 @@ class OnTheFlyScan:
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
             views = Views(rng.uniform(0.0, 2.0 * np.pi, 1), np.zeros(1), np.array([4.0]))
             seeds = partial(_seed, int(rng.integers(2**62)))
-            places = sensor_places(views, size, floor, self.setup, seeds)
+            places = sensor_views(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
             if count_distinct(capture.scan.positions) > 1:  # centred and scaled, one place would be the origin
