@@ -47,7 +47,7 @@ def test_misspelt_names_are_errors(write: Write, text: str, constants: dict[str,
     write("x.comp", text)
     with pytest.raises(GlError, match=message):
         shaders.shader_texts("x.comp", **constants)
-    with pytest.raises(GlError, match=r"shaders/none\.vert must exist"):
+    with pytest.raises(GlError, match=r"shaders/none\.vert, which the program needs, does not exist"):
         shaders.shader_texts("none.vert")
 
 
