@@ -260,7 +260,9 @@ def test_labels_from_a_pipe_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize(("content", "said"), [(b"", "it is empty"), (b"x" * 49_000_000, "at most 48,000,000 bytes")])
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"", "the file is empty"), (b"x" * 49_000_000, "at most 48,000,000 bytes")]
+)
 def test_a_list_of_splits_that_cannot_be_read_is_not_taken_for_none(
     tmp_path: Path, content: bytes, said: str, packed: bool
 ) -> None:

@@ -103,5 +103,5 @@ def test_a_polygon_of_more_corners_than_can_be_cut_in_time_is_refused() -> None:
     triangles, _ = Polygons(vertices, corners, np.array([n])).triangles()
     assert len(triangles) == n - 2, "convex ones are fans"
     vertices[::2] *= 0.9
-    with pytest.raises(MeshError, match=r"a concave face must have at most 50,000 corners; one has 50,001\. Cut it"):
+    with pytest.raises(MeshError, match=r"a concave face must have at most 50,000 corners; one has 50,001\. Split it"):
         Polygons(vertices, corners, np.array([n])).triangles()
