@@ -25,12 +25,12 @@ from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.pool import Message
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = DatasetConfig(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
+RECIPE = DatasetConfig(method="oracle", views="fibonacci:100", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 
 
 def plan_of(*loads: object) -> Plan:
-    """Two meshes a batch, made by these functions of their number."""
+    """Two meshes a shard, made by these functions of their number."""
     entries = [MeshEntry(f"m{i}", "ball", "train", partial(f, i)) for i, f in enumerate(loads)]  # type: ignore[arg-type]
     return Plan(MeshCollection(entries), RECIPE)
 
@@ -42,7 +42,7 @@ def out(tmp_path: Path) -> Path:
 
 def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> dict[str, str]:
     """Make a dataset; return the failures."""
-    document = generate(plan, out, run=partial(run_local, n_workers=n_workers, limits=limits), limits=limits)
+    document = generate(plan, out, run=partial(run_local, n_workers=n_workers, limits=limits))
     failures: dict[str, str] = document["failures"]
     return failures
 
@@ -94,7 +94,7 @@ def test_a_mesh_that_cannot_be_made_is_a_failure(
     failures = run(plan_of(ball, load), out, limits)
     assert list(failures) == ["m1"]
     assert all(word in failures["m1"] for word in words)
-    assert mesh_ids(out) == [0], "the other mesh of its batch is made"
+    assert mesh_ids(out) == [0], "the other mesh of its shard is made"
 
 
 def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:

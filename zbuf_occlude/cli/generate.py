@@ -1,6 +1,5 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +130,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, callback=finite, help=LIMIT)
 @shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
+@click.option("--retry-failed", is_flag=True, help="Make meshes that failed in an earlier run again.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")
 @click.option("--dry-run", is_flag=True, help="Report what would be made, with the disk space and time it would take.")
 @click.pass_context
@@ -151,6 +151,7 @@ def generate_command(
     mesh_gigabytes: float,
     shard: str | None,
     require_gpu: bool,
+    retry_failed: bool,
     overwrite: bool,
     dry_run: bool,
     **recipe: Any,
@@ -276,8 +277,8 @@ def generate_command(
 
     failed = False
     for one, folder in plans:
-        mine = len(one.groups[share[0] :: share[1]])
-        total = sum(map(len, one.groups[share[0] :: share[1]])) * one.clouds_per_mesh
+        mine = one.shards[share[0] :: share[1]]
+        total = sum(map(len, mine)) * one.clouds_per_mesh
         bar = progress_bar(total, "clouds", "generate")
 
         def begun(*work: Any, bar: Any = bar) -> None:
@@ -291,33 +292,18 @@ def generate_command(
                 folder,
                 run=begun,
                 overwrite=overwrite,
+                retry_failed=retry_failed,
                 share=share,
-                limits=limits,
                 progress=bar.update,
-                written=files_beside(bar),
             )
         if document:
             echo(what_was_made(document, folder, read_as))
             failed |= bool(document["failures"])
         else:
-            done = progress_of(one, folder)["groups_done"]
+            done = progress_of(one, folder)["shards_done"]
             echo(
-                f"{mine} of {len(one.groups)} groups are this share; {done} of {folder} are done. "
+                f"{len(mine)} of {len(one.shards)} shards are this share; {done} of {folder} are done. "
                 f"When all are: zbuf-occlude merge {out}"
             )
     if failed:
         raise SystemExit(SOME_FAILED)
-
-
-def files_beside(bar: Any) -> Callable[[int], None]:
-    """Return what shows beside a bar of clouds how many files are written, when it is called with that many more."""
-    total = 0
-
-    def show(files: int) -> None:
-        nonlocal total
-        total += files
-        if total:
-            bar.set_postfix_str(f"{total} files written", refresh=False)
-            bar.update(0)
-
-    return show

@@ -249,7 +249,7 @@ def format_plan(plan: Plan, out: Path) -> str:
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
         f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
-        f"{points} in {counted(len(plan.groups), 'group')}, "
+        f"{points} in {counted(len(plan.shards), 'shard')}, "
         f"{how}\n"
         f"into {out} ({human(free, UNITS)} free)\n"
         f"fingerprint {plan.fingerprint}"

@@ -19,7 +19,7 @@ from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.load import default_up, load_mesh
-from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
+from zbuf_occlude.meshes.mesh_files import has_changed
 from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
 from zbuf_occlude.provenance import UNKNOWN, MeshSource
 
@@ -68,15 +68,11 @@ class MeshEntry:
         if self.split not in SPLITS:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
-    def origin_now(self, then: MeshSource) -> MeshSource:
-        """Return what a mesh made of `then` would be made of now; files that look the same stay closed."""
+    def has_changed(self, source: MeshSource) -> bool:
+        """Return whether the mesh is not what it was when it had this source, as the sizes of its files tell."""
         if self.path is None:
-            return self.origin if self.origin.sha256 else then
-        return origin_now(self.path, then)
-
-    def origin_of_failure(self) -> MeshSource:
-        """Return what shows of a mesh that cannot be used: if it shows something else one day, it may be used then."""
-        return self.origin if self.path is None else origin_unread(self.path)
+            return self.origin.sha256 not in ("", source.sha256)
+        return has_changed(self.path, source)
 
 
 class MeshCollection(Sequence[MeshEntry]):

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from zbuf_occlude.errors import MeshError, describe
 from zbuf_occlude.limits import memory_allowed
-from zbuf_occlude.provenance import UNKNOWN, FileStat, MeshSource
+from zbuf_occlude.provenance import FileStat, MeshSource
 
 ARCHIVE = ".zip"
 
@@ -27,7 +27,7 @@ class MeshFiles:
             try:
                 stamp = _stamp(path, self.folder)
             except (OSError, ValueError):
-                stamp = FileStat(path.name, 0, 0)  # reading it says why
+                stamp = FileStat(path.name, 0)  # reading it says why
             self._contents[path] = content_of(path)
             self._stamps.append(stamp)
         return self._contents[path]
@@ -60,32 +60,12 @@ class MeshFiles:
         return MeshSource(digests[0], tuple(self._stamps))
 
 
-def origin_now(path: Path, then: MeshSource) -> MeshSource:
-    """Return what a mesh made of `then` would be made of now.
-
-    That is `then` itself, and nothing is read, where no file changed its size or time. A file that cannot be read has
-    an unknown origin.
-    """
-    folder = path.parent
-    paths = [path, *(folder / stamp.name for stamp in then.files[1:])]
+def has_changed(path: Path, source: MeshSource) -> bool:
+    """Return whether a file that a mesh was made of is gone, or has another size."""
     try:
-        if tuple(_stamp(each, folder) for each in paths) == then.files:
-            return then
-        files = MeshFiles(path)
-        for each in paths:
-            files.read(each)
-    except (OSError, ValueError, MeshError):
-        return UNKNOWN
-    return files.origin
-
-
-def origin_unread(path: Path) -> MeshSource:
-    """Return what shows of a file without reading it; of glTF its folder too, where buffers may appear."""
-    paths = [path, *([path.parent] if path.suffix.lower() in (".gltf", ".glb") else [])]
-    try:
-        return MeshSource("", tuple(_stamp(each, path.parent) for each in paths))
+        return any(_stamp(path.parent / stamp.name, path.parent).size != stamp.size for stamp in source.files)
     except (OSError, ValueError):
-        return UNKNOWN
+        return True
 
 
 def archive_of(path: Path) -> tuple[Path, str] | None:
@@ -200,7 +180,7 @@ def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
 def _stamp(path: Path, folder: Path) -> FileStat:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
-    return FileStat(_name_from(path, folder), status.st_size, status.st_mtime_ns)
+    return FileStat(_name_from(path, folder), status.st_size)
 
 
 def _name_from(path: Path, folder: Path) -> str:

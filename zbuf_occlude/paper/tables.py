@@ -8,7 +8,7 @@ from typing import NamedTuple
 from zbuf_occlude import shapes
 from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
 from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, wrong_outside
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, partition_files, read_finished
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, SHARDS, partition_files, read_finished
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.load import load_mesh
@@ -250,7 +250,7 @@ def row_of(folder: Path) -> DatasetRow:
     plan, manifest = read_finished(folder)
     own, _ = partition_files(folder, plan)
     beside = (CONTACT_SHEET, GALLERY)
-    files = [folder / name for name in own if not (name in beside or name.startswith(GROUPS) or name.endswith("/"))]
+    files = [folder / name for name in own if not (name in beside or name.startswith(SHARDS) or name.endswith("/"))]
     megabytes = sum(path.stat().st_size for path in files) / 1e6
     n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
     return DatasetRow(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)

@@ -18,7 +18,7 @@ from typing import Any
 
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.interrupts import held
-from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
+from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
 from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
@@ -99,7 +99,7 @@ class LocalWorker:
                     ) from None
         theirs.close()
 
-    def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: Any, lost: dict[int, str]) -> None:
         """Send a request."""
         with suppress(OSError):  # it has died; `ending` will tell
             self.connection.send((job, lost))
