@@ -7,7 +7,6 @@ import click
 
 from zbuf_occlude.cli.shell import COMPILING, CommandGroup, check_surroundings
 from zbuf_occlude.jit.compiler import on_compiled
-from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -47,22 +46,11 @@ _MODULES = {
 }
 """Module to the commands in it, where it is not the one of the same name."""
 
-WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
-"""Arguments by which `generate` starts no process on this machine."""
-
 
 class LazyGroup(CommandGroup):
     """All commands."""
 
     table = COMMANDS
-
-    def resolve_command(
-        self, context: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that was called; begin with what takes longest, while the rest is imported and looked at."""
-        if args[0] == "generate" and not WITHOUT_WORKERS.intersection(args):
-            start_server()
-        return super().resolve_command(context, args)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import the command's module and return the command."""

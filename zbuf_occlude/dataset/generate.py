@@ -228,9 +228,8 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
     ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
     oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
     in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` says what each mesh was made of,
-    ``stacked`` how much of the surface has another sheet nearer than the method's tolerance. ``blank_views`` has the
-    meshes of which views give no cloud, ``left_out`` those without any, ``cut_by_range`` the shares of the objects'
-    returns beyond the sensor's limits.
+    ``blank_views`` has the meshes of which views give no cloud, ``left_out`` those without any, ``cut_by_range`` the
+    shares of the objects' returns beyond the sensor's limits.
     """
     counts = whole.counts
     return {
@@ -268,7 +267,6 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
         "rounding": 0.5 / QUANT_LEVELS if find_format(plan.format).keeps_points else 0.0,
         "error": counts.error,
-        "stacked": counts.stacked,
         "seconds": {"making": round(seconds, 3), "workers": round(whole.seconds, 3)},
     }
 
