@@ -34,7 +34,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
-from zbuf_occlude.dataset.folder import GROUPS, MANIFEST, PLAN, read_plan
+from zbuf_occlude.dataset.folder import MANIFEST, PLAN, SHARDS, read_plan
 from zbuf_occlude.dataset.formats import FORMATS
 
 ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "--set", "resolution=128"]
@@ -113,15 +113,10 @@ class Victim:
         return time.monotonic() + self.rng.uniform(0, 2 * every)
 
     def _progress(self) -> float:
-        """Return which fraction of the batches is done, soon: by the names of files alone."""
+        """Return which fraction of the shards is done."""
         if not (self.out / PLAN).exists():
             return 0.0
-        of_groups = read_plan(self.out).batches_of
-        # not rglob, which ends where a folder is removed under it
-        found = [Path(folder, name) for folder, _, names in os.walk(self.out) for name in names]
-        done = {int(path.stem) for path in found if path.suffix == ".json" and path.parent.name == GROUPS}
-        n_done = sum(len(batches) for number, batches in enumerate(of_groups) if number in done)
-        return min(1.0, (n_done + sum(path.suffix == ".batch" for path in found)) / sum(map(len, of_groups)))
+        return len(list((self.out / SHARDS).glob("*.json"))) / len(read_plan(self.out).shards)
 
     def _kill(self, kind: str) -> bool:
         """Kill one; False when there is none to kill."""
@@ -303,9 +298,9 @@ def differences(one: Path, other: Path) -> list[str]:
 
 
 def _comparable(path: Path) -> object:
-    if path.name != MANIFEST and path.parent.name != GROUPS:
+    if path.name != MANIFEST and path.parent.name != SHARDS:
         return path.read_bytes()
-    return {key: value for key, value in json.loads(path.read_text()).items() if key not in ("seconds", "checksum")}
+    return {key: value for key, value in json.loads(path.read_text()).items() if key != "seconds"}
 
 
 def kinds_of(n_kills: int, rng: random.Random) -> list[str]:
@@ -348,10 +343,10 @@ def main(arguments: list[str] | None = None) -> int:
             began = time.monotonic()
             subprocess.run([*command, "--out", str(folder / "alone")], check=True, capture_output=True)
             alone = time.monotonic() - began
-            writing = json.loads((folder / "alone" / MANIFEST).read_text())["seconds"].get("writing", 0.5)
+            making = json.loads((folder / "alone" / MANIFEST).read_text())["seconds"]["making"]
             began = time.monotonic()
             victim = Victim([*command, "--out", str(folder / "out")], folder / "out", folder / "log", rng)
-            code = victim.disturb(kinds_of(known.kills, rng), known.every, writing)
+            code = victim.disturb(kinds_of(known.kills, rng), known.every, max(0.5, alone - making))
             seconds = time.monotonic() - began
             log = (folder / "log").read_text()
             faults = differences(folder / "alone", folder / "out")

@@ -8,10 +8,10 @@ One process: calls of 100 renders, each with a mesh made, prepared and closed an
 as in README, without one. A cycle of 24 calls has meshes of all classes, 64 to 256 pixels, both refinements, 500 to
 2,000 points, eyes outside and inside the mesh; then the same again, and the answers must be those of the first cycle.
 With recycling: four plans of other options, made by the farm's local engine as `generate` uses it; each worker is
-replaced after 200 batches of 500 renders. The first and the last batches of each plan are then made again by a fresh
+replaced after 200 shards. The first and the last shards of each plan are then made again by a fresh
 process and must be the same bytes.
 
-Resident memory is taken after each call, and of each worker and of the parent after each batch. Warm-up is the first
+Resident memory is taken after each call, and of each worker and of the parent after each shard. Warm-up is the first
 tenth of a process's life (shaders compile, the allocator's arenas grow to the largest mesh); the most after it may
 exceed the most during it by 5 %. Exit status 1 when it does, or when answers differ.
 """
@@ -39,15 +39,14 @@ from zbuf_occlude.dataset.plan import DatasetConfig, Plan
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.visibility import find_method
 from zbuf_occlude.workers import local, run_here
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05
 LEAST_SAMPLES = 50
-"""A worker that made fewer batches has no life to speak of."""
+"""A worker that made fewer shards has no life to speak of."""
 COMPARED = 5
-"""This many of a plan's first and of its last batches are made again."""
+"""This many of a plan's first and of its last shards are made again."""
 
 CALLS = [
     {"label": label, "index": index, "resolution": resolution, "refine": refine, "points": points, "distance": distance}
@@ -123,14 +122,14 @@ def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
                     lives[f"plan {number}, worker {process.pid}"].append(resident_gigabytes(process.pid))
 
             generate(plan, out, run=partial(local.run_local, n_workers=n_workers, limits=Limits()), progress=look)
-        batches = range(len(plan.batches))
-        some = sorted({*batches[:COMPARED], *batches[-COMPARED:]})
+        shards = range(len(plan.shards))
+        some = sorted({*shards[:COMPARED], *shards[-COMPARED:]})
         again.mkdir()
         fresh = multiprocessing.get_context("spawn").Process(target=make_here, args=(plan, some, again))
         fresh.start()
         fresh.join()
-        for batch in some:
-            name = archive_name(batch)
+        for shard in some:
+            name = archive_name(shard)
             report["different"] += (out / name).read_bytes() != (again / name).read_bytes()
         report["renders"] += plan.n_clouds
     report["workers"] = len(lives) - 1
@@ -139,11 +138,11 @@ def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
     return report
 
 
-def make_here(plan: Plan, batches: list[int], out: Path) -> None:
-    """Make some batches in this process."""
+def make_here(plan: Plan, shards: list[int], out: Path) -> None:
+    """Make some shards in this process."""
     run_here(
-        GenerateTask(plan, out, find_method(plan.recipe.method).needs_gl),
-        [("batch", i) for i in batches],
+        GenerateTask(plan, out),
+        shards,
         lambda *_: (),
     )
 

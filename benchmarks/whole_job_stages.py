@@ -20,10 +20,9 @@ STAGES = (
     ("prepare", "zbuf_occlude.visibility:prepare"),
     ("ask", "zbuf_occlude.visibility.interface:VisibilityQuery.visible"),
     ("check", "zbuf_occlude.dataset.pipeline:check"),
-    ("gather", "zbuf_occlude.dataset.batch:Clouds.keep"),
-    ("write", "zbuf_occlude.dataset.batch:Clouds.pieces"),
-    ("files", "zbuf_occlude.dataset.generate:write_file"),
-    ("files", "zbuf_occlude.dataset.generate:finish"),
+    ("gather", "zbuf_occlude.dataset.shard:RecordShard.keep"),
+    ("write", "zbuf_occlude.dataset.shard:RecordShard.write"),
+    ("finish", "zbuf_occlude.dataset.generate:finish"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 

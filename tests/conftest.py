@@ -114,8 +114,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         path.write_bytes(b"")
         return True
 
-    for finishing in ("generate", "export"):
-        monkeypatch.setattr(f"zbuf_occlude.dataset.{finishing}.write_contact_sheet", write)
+    monkeypatch.setattr("zbuf_occlude.dataset.export.write_contact_sheet", write)
 
 
 @pytest.fixture(scope="session")

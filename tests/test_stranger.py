@@ -14,6 +14,7 @@ import zbuf_occlude.views.positions as specs
 import zbuf_occlude.visibility as visibility
 from tests.scenes import box
 from zbuf_occlude import Mesh
+from zbuf_occlude.dataset.atomic import FileDigest, write_data
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
@@ -45,9 +46,9 @@ def file_name(split: str, number: int) -> str:
     return f"toy_{split}{number}.npy"
 
 
-def write(path: Path, records: Any, plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Any, plan: Plan, number: int = 0) -> FileDigest:
     """Write the toy format: records in .npy files."""
-    np.save(path, records)
+    return write_data(path, lambda file: np.save(file, records))
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:

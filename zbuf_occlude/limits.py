@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from zbuf_occlude.errors import MeshError, OptionError
 
@@ -36,14 +36,6 @@ class Limits:
         for what, value in (("seconds", self.seconds), ("gigabytes", self.gigabytes)):
             if not value > 0:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
-
-    def to_dict(self) -> list[float]:
-        """Plain data, for JSON."""
-        return [self.seconds, self.gigabytes]
-
-    def allow_more_than(self, others: "Limits") -> bool:
-        """Whether a mesh that exceeded others may be made within these."""
-        return self.seconds > others.seconds or self.gigabytes > others.gigabytes
 
     def exceeded(self, seconds: float, gigabytes: float) -> str:
         """Return which limit a mesh exceeds that has taken this much; "" for none."""
@@ -85,13 +77,6 @@ class Limits:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
-
-
-class GivenUp(NamedTuple):
-    """Why a mesh is not tried again, and the limits then: within wider ones it may be."""
-
-    reason: str
-    limits: Limits
 
 
 def address_space() -> int | None:

@@ -32,14 +32,10 @@ PACKAGES = (
 
 
 class FileStat(NamedTuple):
-    """What a file shows without being read: its name from the mesh's folder on, bytes, time of change in ns.
-
-    Of a file in an archive bytes and time are the archive's.
-    """
+    """The name of a file, from the mesh's folder on, and its size in bytes; of a file in an archive the archive's."""
 
     name: str
     size: int
-    time: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +61,7 @@ class MeshSource:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "MeshSource":
-        """Read back what `document` gave."""
+        """Read back what `to_dict` gave."""
         return cls(document["sha256"], tuple(FileStat(*each) for each in document["files"]))
 
     def to_dict(self) -> dict[str, Any]:

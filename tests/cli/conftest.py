@@ -69,7 +69,6 @@ def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: Non
             run_local(task, jobs, done, n_workers=n_workers, limits=limits)
 
     monkeypatch.setattr("zbuf_occlude.cli.shared_options.run_local", run)
-    monkeypatch.setattr("zbuf_occlude.cli.start_server", lambda: None)
 
 
 @pytest.fixture(autouse=True)

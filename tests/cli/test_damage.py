@@ -46,28 +46,29 @@ def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str
         assert ("checksum" if command == "verify clouds" else f"clouds/{path.name} must be as it was written; ") in last
 
 
-@pytest.mark.parametrize("damage", ["cut", "missing", "record"])
+@pytest.mark.parametrize("damage", ["cut", "missing", "sidecar"])
 @pytest.mark.parametrize("format", ["hdf5", "packed"])
-def test_a_damaged_group_is_reported_and_made_again(
+def test_a_damaged_shard_is_reported_and_made_again(
     run: Run, modelnet: Path, tmp_path: Path, format: str, damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)  # four meshes a group
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.FEWEST_PER_SHARD", 8)
     dataset, line = tmp_path / "clouds", f"generate {modelnet} {SMALL} --format {format}"
     run(f"{line} --out whole")
     run(f"{line} --out clouds --shard 0/2")
-    record = dataset / "groups" / "000000.json"
-    file = dataset / json.loads(record.read_text())["names"][0]
+    sidecar = dataset / "shards" / "000000.json"
+    (((name, *_), *_),) = json.loads(sidecar.read_text())["files"].values()
+    file = dataset / name
     if damage == "cut":
         file.write_bytes(file.read_bytes()[:-600])
     elif damage == "missing":
         file.unlink()
     else:
-        record.write_text(re.sub(r'"n_checked": \d', '"n_checked": 0', record.read_text(), count=1))
-    name = record.name if damage == "record" else file.name
+        sidecar.write_bytes(sidecar.read_bytes()[:-10])
+    name = sidecar.name if damage == "sidecar" else file.name
     status = run("status clouds").out
-    assert re.search(f"again +group 0: {name}", status), status
+    assert re.search(f"again +shard 0: {name}", status), status
     run(f"{line} --out clouds --shard 1/2")
-    run("merge clouds", code=1, says=f"group 0 is not done: {name}")
-    run(f"{line} --out clouds", says=f"group 0 is made again: {name}")
+    run("merge clouds", code=1, says=f"shard 0 is not done: {name}")
+    run(f"{line} --out clouds", says=f"shard 0 is made again: {name}")
     for path in (tmp_path / "whole").glob("*[0-9].[hz]*"):
         assert (dataset / path.name).read_bytes() == path.read_bytes()

@@ -41,7 +41,6 @@ def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     for name in ("manifest.json", "contact_sheet.png", "ply_data_test0.h5 and 1 more (train: 1, test: 1)"):
         assert str(out / name) in outcome.out
     assert "generate: 100%" in outcome.err
-    assert "2 files written" in outcome.err, "no wait without a word"
 
     data, label = pointnet_load(out, "train")
     assert (data.shape, data.dtype) == ((16, 64, 3), np.dtype("f4"))
@@ -143,15 +142,15 @@ def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, mode
 def test_shares_made_one_by_one_are_the_same_dataset(
     run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)  # two meshes a group
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.FEWEST_PER_SHARD", 8)  # two meshes a shard
     line = f"generate {modelnet} {SMALL}"
     run(f"{line} --out whole")
     first = run(f"{line} --out parts --shard 0/2")
-    assert "2 of 4 groups are this share; 2 of" in first.out
+    assert "2 of 4 shards are this share; 2 of" in first.out
     assert first.out.endswith("zbuf-occlude merge parts\n")
-    run("merge parts", code=1, says="all 4 groups of files; group 1 is not done")
+    run("merge parts", code=1, says="all 4 shards; shard 1 is not done")
     status = run("status parts").out
-    assert "groups      2 of 4 written" in status
+    assert "shards      2 of 4 done" in status
     assert "the same command resumes it" in status
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "8")
     monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")

@@ -75,10 +75,10 @@ def test_both_clouds_lie_on_the_object_as_it_stood(pcn: Path) -> None:
 def test_halves_and_a_damaged_one_are_the_whole(
     run: Run, pcn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each object a group: one is made, then damaged, then the other; the rest is made again."""
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)
+    """Each object a shard: one is made, then damaged, then the other; the rest is made again."""
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.FEWEST_PER_SHARD", 8)
     run(f"generate {SCANS} --out halves --shard 0/2")
-    archive = tmp_path / "halves" / "stored" / "packed-000000.zip"
+    archive = tmp_path / "halves" / "shards" / "packed-000000.zip"
     archive.write_bytes(archive.read_bytes()[:-10])
     run(f"generate {SCANS} --out halves --shard 1/2")
     run("merge halves", code=1)

@@ -107,7 +107,7 @@ def test_every_scan_keeps_its_own_number_of_points(run: Run, tmp_path: Path) -> 
     for one, other in zip(records, records_of(tmp_path / "tars"), strict=True):
         assert all(np.array_equal(one[name], other[name]) for name in records.dtype.names)
     plain = run(f"generate {GIVEN} --sample-size all --dry-run --out dry")
-    assert "= 4 clouds of all visible points in 1 group" in plain.out
+    assert "= 4 clouds of all visible points in 2 shards" in plain.out
 
 
 def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path) -> None:
@@ -129,8 +129,8 @@ def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) ->
         code=1,
         says="at least one mesh must give a cloud",
     )
-    (record,) = (tmp_path / "none" / "groups").glob("*.json")
-    assert json.loads(record.read_text())["counts"]["n_blind_views"] == 3
+    (sidecar,) = (tmp_path / "none" / "shards").glob("*.json")
+    assert json.loads(sidecar.read_text())["counts"]["n_blind_views"] == 3
 
 
 def test_of_a_range_that_begins_within_an_object_what_is_outside_is_taken(run: Run, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def test_parts_made_in_namespaces_of_their_own_are_one_dataset(meshes: Path, tmp
         options = ["--method=exact", "--views=ring:4096@20", "--points=40", "--sample-size=8", "--workers=1"]
         return [sys.executable, "-m", "zbuf_occlude", "generate", str(meshes), *options, "--out", str(tmp_path / out)]
 
-    # 4,096 views of eight meshes: a group for each machine
+    # 4,096 views of eight meshes: two shards for each machine
     subprocess.run(command("alone"), check=True, capture_output=True)
     machines = [
         subprocess.Popen(
@@ -46,16 +46,16 @@ def test_parts_made_in_namespaces_of_their_own_are_one_dataset(meshes: Path, tmp
     assert [machine.returncode for machine in machines] == [0] * N_MACHINES, said
     merge = [sys.executable, "-m", "zbuf_occlude", "merge", str(tmp_path / "out")]
     subprocess.run(merge, check=True, capture_output=True)
-    assert len(list((tmp_path / "out" / "groups").iterdir())) == N_MACHINES
+    assert len(list((tmp_path / "out" / "shards").iterdir())) == 2 * N_MACHINES
     assert contents(tmp_path / "out") == contents(tmp_path / "alone")
 
 
 def contents(out: Path) -> dict[str, object]:
-    """Every file of a dataset, the manifest without its times; the records of groups have times too."""
+    """Every file of a dataset, but the sidecars of shards; the manifest without its times."""
     found: dict[str, object] = {
         str(path.relative_to(out)): path.read_bytes()
         for path in out.rglob("*")
-        if path.is_file() and path.parent.name != "groups"
+        if path.is_file() and path.parent.name != "shards"
     }
     manifest = json.loads((out / "manifest.json").read_text())
     return found | {"manifest.json": {key: value for key, value in manifest.items() if key != "seconds"}}

@@ -105,6 +105,13 @@ def test_the_wrong_meshes(run: Run, dataset: Path, modelnet: Path) -> None:
     run(f"verify {dataset} {modelnet}/ball", code=1, says="fault: the meshes given must have brick/")
 
 
+def test_a_mesh_of_other_content(run: Run, dataset: Path, modelnet: Path) -> None:
+    """Of the same size, so that only its SHA-256 tells."""
+    for path in modelnet.rglob("*.off"):
+        path.write_bytes(path.read_bytes().replace(b"OFF\n", b"OFF ", 1))
+    run(f"verify {dataset} {modelnet}", code=1, says="must have the SHA-256")
+
+
 def test_an_unfinished_dataset(run: Run, dataset: Path, modelnet: Path) -> None:
     (dataset / "manifest.json").unlink()
     run(f"verify {dataset} {modelnet}", code=1, says="must hold a complete dataset")

@@ -77,7 +77,7 @@ def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: s
 def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
     generate(plan("npz"), tmp_path / "with")
     without = plan("npz")
-    without = Plan(without.meshes, DatasetConfig(**{**without.document["recipe"], "attributes": ()}), "npz")
+    without = Plan(without.meshes, DatasetConfig(**{**without.recipe.to_dict(), "attributes": ()}), "npz")
     generate(without, tmp_path / "without")
     with (
         np.load(tmp_path / "with" / "train-000000.npz") as one,

@@ -1,6 +1,5 @@
 """Datasets made in one run and in many: the same files, by any workers and machines, killed, damaged, out of room."""
 
-import json
 import os
 import random
 import subprocess
@@ -18,14 +17,13 @@ from tests.cli.conftest import write_off
 from tests.dataset.test_export import recipe_for
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset import plan as plans
-from zbuf_occlude.dataset.batch import batch_path, group_path
 from zbuf_occlude.dataset.folder import locked, partition_files
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import GenerateTask, generate, merge
 from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.shard import sidecar_path
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
-from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.workers import Done, Task, run_here
 
@@ -49,20 +47,19 @@ def collection(n_meshes: int) -> MeshCollection:
     )
 
 
-def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_batch: int, per_group: int) -> None:
+def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_shard: int) -> None:
     """Cut datasets finely."""
     monkeypatch.setattr(plans, "CLOUDS_PER_FILE", per_file)
-    monkeypatch.setattr(plans, "CLOUDS_PER_BATCH", per_batch)
-    monkeypatch.setattr(plans, "FEWEST_PER_BATCH", per_batch)
-    monkeypatch.setattr(plans, "CLOUDS_PER_GROUP", per_group)
+    monkeypatch.setattr(plans, "FEWEST_PER_SHARD", per_shard)
+    monkeypatch.setattr(plans, "FILES_PER_SHARD", per_shard)
 
 
 @pytest.fixture
 def plan(monkeypatch: pytest.MonkeyPatch) -> Plan:
-    """Three groups of 100 clouds; files of 16, batches of 20 clouds."""
-    small(monkeypatch, per_file=16, per_batch=20, per_group=100)
+    """300 clouds of 60 meshes, in seven shards of some 45 clouds, three or four files each."""
+    small(monkeypatch, per_file=16, per_shard=55)
     plan = Plan(collection(60), RECIPE)
-    assert (len(plan.groups), len(plan.batches)) == (3, 15)
+    assert [len(plan.shards), len(plan.files)] == [7, 22]
     return plan
 
 
@@ -82,7 +79,7 @@ def whole(plan: Plan, made_once: Path) -> dict[str, bytes]:
 def files(out: Path) -> dict[str, bytes]:
     """Everything in a folder but what has seconds in it, and the picture."""
     found = {str(path.relative_to(out)): path for path in out.rglob("*") if path.is_file()}
-    skipped = ("manifest.json", "contact_sheet.png", "groups/")
+    skipped = ("manifest.json", "contact_sheet.png", "shards/")
     return {name: path.read_bytes() for name, path in found.items() if not name.startswith(skipped)}
 
 
@@ -122,7 +119,7 @@ def test_same_files_in_any_order_and_by_any_number_of_machines(
     generate(plan, tmp_path / "shuffled", run=shuffled)
     machines = tmp_path / "machines"
     generate(plan, machines, share=(1, 2))
-    with pytest.raises(DatasetError, match=r"must have all 3 groups of files; group 0 is not done.* Run the"):
+    with pytest.raises(DatasetError, match=r"must have all 7 shards; shard 0 is not done.* Run the"):
         merge(plan, machines)
     assert generate(plan, machines, share=(0, 2)) == {}
     document = merge(plan, machines)
@@ -132,66 +129,60 @@ def test_same_files_in_any_order_and_by_any_number_of_machines(
     assert partition_files(machines, plan)[1] == []
 
 
-def test_files_mix_classes_and_objects_of_a_whole_group(plan: Plan, whole: dict[str, bytes], made_once: Path) -> None:
+def test_files_mix_the_clouds_of_the_meshes_of_a_shard(plan: Plan, whole: dict[str, bytes], made_once: Path) -> None:
     source = open_dataset(made_once)
     assert source.n_clouds == {"train": 240, "test": 60}
     seen, n_met = [], []
     for split in source.order:
         for _, numbers in source.files(split):
             records = source.take(numbers)
-            assert sum(set(records["mesh_id"]) <= set(ids.tolist()) for ids in plan.groups) == 1
+            assert sum(set(records["mesh_id"]) <= set(ids.tolist()) for ids in plan.shards) == 1
             seen += zip(records["mesh_id"].tolist(), records["view_id"].tolist(), strict=True)
-            if split == "train" and len(records) == 16:
-                assert 0 < records["label"].sum() < 16, "both classes"
+            if split == "train":
+                assert 0 < records["label"].sum() < len(records), "both classes"
                 n_met.append(len(set(records["mesh_id"])))
     assert sorted(seen) == [(mesh, view) for mesh in range(60) for view in range(5)], "each cloud once"
-    # 16 of 80 clouds, drawn at random, five of each of 16 objects: 10.9 of these are met on average
-    assert abs(np.mean(n_met) - 10.9) < 1
-    for ids in plan.groups:
-        assert abs(sum(i % 2 for i in ids) - 10) <= 2, "each group has its share of each class"
+    assert np.mean(n_met) > 6, "a file of a third of ten objects' clouds has most of the objects"
 
 
-@pytest.mark.parametrize("n_jobs", [1, 6, 7, 14, 26, 33])
-def test_a_killed_run_resumes_and_makes_nothing_twice(
-    plan: Plan, whole: dict[str, bytes], tmp_path: Path, n_jobs: int
+@pytest.mark.parametrize(
+    ("n_meshes", "n_views", "n_shards", "n_files"),
+    [(10, 10, 1, 1), (108, 100, 54, 54), (175, 100, 88, 88), (20_000, 100, 247, 988), (3, 1_000, 3, 3)],
+)
+def test_the_size_of_a_shard_is_by_the_dataset_alone(n_meshes: int, n_views: int, n_shards: int, n_files: int) -> None:
+    entries = (MeshEntry(f"m{i}", "ball", "train", partial(tetrahedron, i)) for i in range(n_meshes))
+    plan = Plan(MeshCollection(entries), replace(RECIPE, views=f"fibonacci:{n_views}"))
+    assert [len(plan.shards), len(plan.files)] == [n_shards, n_files]
+    large = Plan(plan.meshes, replace(plan.recipe, sample_size=100_000))
+    assert max(map(len, large.shards)) * n_views * 1.6e6 <= 2**29 or len(large.shards) == n_meshes
+
+
+@pytest.mark.parametrize("n_shards", [1, 4])
+def test_a_killed_run_resumes_and_makes_no_shard_twice(
+    plan: Plan, whole: dict[str, bytes], tmp_path: Path, n_shards: int
 ) -> None:
     out, again = tmp_path / "out", list[Any]()
     with pytest.raises(Killed):
-        generate(plan, out, run=killed_after(n_jobs))
+        generate(plan, out, run=killed_after(n_shards))
+    (out / ".zbuf-0123456789abcdef.part").write_bytes(b"half of it")
 
     def run(task: Task, jobs: list[Any], done: Done) -> None:
         run_here(task, jobs, lambda job, result: (again.append(job), done(job, result))[1])
 
     generate(plan, out, run=run)
     assert files(out) == whole
-    n_batches = sum(what == "batch" for what, _ in again)
-    assert n_batches <= len(plan.batches) - min(n_jobs, 5), "batches of before are not made again"
+    assert len(again) == len(plan.shards) - n_shards - 1, "the shard whose sidecar was written is done, too"
 
 
-@pytest.mark.parametrize("damage", ["file cut", "file gone", "record", "batch flipped", "batch cut", "batch gone"])
+@pytest.mark.parametrize("damage", ["file cut", "file gone", "sidecar cut", "sidecar gone"])
 def test_what_is_damaged_is_found_and_made_again(
     plan: Plan, whole: dict[str, bytes], tmp_path: Path, damage: str
 ) -> None:
     out = tmp_path / "out"
-    with pytest.raises(Killed):  # a group is done, and some batches of the next
-        generate(plan, out, run=killed_after(5 + len(plan.files_of[0]) + 3))
-    assert group_path(out, 0).exists()
-    batch = next(path for i in range(len(plan.batches)) if (path := batch_path(out, i)).exists())
-    name = json.loads(group_path(out, 0).read_text())["names"][0]
-    if damage == "file cut":
-        os.truncate(out / name, 1000)
-    elif damage == "file gone":
-        (out / name).unlink()
-    elif damage == "record":
-        group_path(out, 0).write_text("{}")
-    elif damage == "batch flipped":
-        content = bytearray(batch.read_bytes())
-        content[-100] ^= 4
-        batch.write_bytes(content)
-    elif damage == "batch cut":
-        os.truncate(batch, batch.stat().st_size // 2)
-    else:
-        batch.unlink()
+    with pytest.raises(Killed):
+        generate(plan, out, run=killed_after(2))
+    path = sidecar_path(out, 1) if damage.startswith("sidecar") else next(out.glob("*.h5"))
+    os.truncate(path, 100) if damage.endswith("cut") else path.unlink()
     generate(plan, out)
     assert files(out) == whole
 
@@ -204,30 +195,10 @@ def test_a_file_missing_from_a_finished_dataset_is_made_again(
     assert files(made_once) == whole
 
 
-def test_the_disk_holds_little_more_than_the_dataset_and_two_groups(plan: Plan, tmp_path: Path) -> None:
-    peak = 0
-
-    def on_disk() -> int:
-        return sum(path.stat().st_size for path in tmp_path.rglob("*") if path.suffix in (".batch", ".h5", ".part"))
-
-    def watched(task: Task, jobs: list[Any], done: Done) -> None:
-        def look(job: Any, result: object) -> Iterable[Any]:
-            nonlocal peak
-            peak = max(peak, on_disk())
-            return done(job, result)
-
-        run_here(task, jobs, look)
-
-    generate(plan, tmp_path, run=watched)
-    whole = on_disk()
-    assert whole > 400_000
-    assert peak <= whole * (1 + 1 / 3) * 1.05
-
-
 def test_a_full_disk_ends_the_run_and_the_same_command_resumes(
     plan: Plan, whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left, replaced = 12, os.replace
+    left, replaced = 6, os.replace
 
     def replace_while_there_is_room(source: Any, target: Any) -> None:
         nonlocal left
@@ -245,13 +216,12 @@ def test_a_full_disk_ends_the_run_and_the_same_command_resumes(
     assert files(tmp_path / "out") == whole
 
 
-def test_two_runs_at_a_time_are_refused(plan: Plan, tmp_path: Path) -> None:
-    """Locks are a process's, so the other run is a process of its own."""
+def test_two_runs_at_a_time_are_refused_and_shares_are_not(plan: Plan, tmp_path: Path) -> None:
     out = tmp_path / "out"
     generate(plan, out, share=(0, 3))
     code = (
-        "import sys, time; from pathlib import Path; from zbuf_occlude.dataset.folder import locked\n"
-        f"with locked(Path({str(out)!r}), range(1, 2)): print('held', flush=True); sys.stdin.read()\n"
+        "import sys; from pathlib import Path; from zbuf_occlude.dataset.folder import locked\n"
+        f"with locked(Path({str(out)!r}), shared=True): print('held', flush=True); sys.stdin.read()\n"
     )
     other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert other.stdin is not None
@@ -264,9 +234,9 @@ def test_two_runs_at_a_time_are_refused(plan: Plan, tmp_path: Path) -> None:
     other.wait()
     other.stdin.close()
     other.stdout.close()
+    with locked(out), pytest.raises(DatasetError, match="one run at a time"):
+        generate(plan, out, share=(1, 3))
     assert generate(plan, out)["counts"]["clouds"] == plan.n_clouds
-    with locked(out, range(1)):
-        pass
 
 
 VOXELS = pytest.mark.needs("open3d")
@@ -284,13 +254,13 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     entries[4] = replace(entries[4], load=broken)
     plan = Plan(MeshCollection(entries), recipe_for(row, n_points, 32), row.name)
     n = plan.clouds_per_mesh
-    small(monkeypatch, per_file=2 * n + 1, per_batch=n, per_group=3 * n)
-    assert (len(plan.groups), len(plan.batches)) == (2, 6)
+    small(monkeypatch, per_file=n + 1, per_shard=2 * n)
+    assert [len(ids) for ids in plan.shards] == [2, 2, 2]
     document = generate(plan, tmp_path / "one")
     assert list(document["failures"]) == ["m4"]
     assert verify(tmp_path / "one", None).faults == []
     assert partition_files(tmp_path / "one", plan)[1] == []
-    for n_jobs in (2, 1):
+    for n_jobs in (1, 0):
         with pytest.raises(Killed):
             generate(plan, tmp_path / "two", run=killed_after(n_jobs))
     if row.exported_from:
@@ -316,14 +286,8 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     assert files(tmp_path / "one") == files(tmp_path / "three")
 
 
-@pytest.mark.parametrize(("n_meshes", "n_batches"), [(10, 1), (12, 1), (13, 2), (400, 34), (800, 32)])
-def test_small_datasets_have_small_batches(n_meshes: int, n_batches: int) -> None:
-    many = Plan(collection(n_meshes), replace(RECIPE, views="ring:10@30"))
-    assert len(many.batches) == n_batches
-
-
-class TestOrigins:
-    """What clouds were made of: a mesh that changed is refused and named, one that failed is tried again."""
+class TestMeshes:
+    """What clouds were made of: one of another size is refused and named, one that failed is tried again if asked."""
 
     @pytest.fixture
     def meshes(self, tmp_path: Path) -> Path:
@@ -337,33 +301,21 @@ class TestOrigins:
 
     @staticmethod
     def plan(meshes: Path, up: str | None = None) -> Plan:
-        recipe = DatasetConfig(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)  # two meshes a batch
+        recipe = replace(RECIPE, views="fibonacci:130", n_points=50, sample_size=8)  # a mesh a shard
         return Plan(MeshCollection.from_paths(meshes, up=up), recipe)
 
-    @pytest.mark.parametrize("n_jobs", [1, 2, 9])
-    def test_other_meshes_of_the_same_names_are_refused(self, meshes: Path, tmp_path: Path, n_jobs: int) -> None:
+    @pytest.mark.parametrize("n_jobs", [3, 9])
+    def test_meshes_of_another_size_are_refused(self, meshes: Path, tmp_path: Path, n_jobs: int) -> None:
         out = tmp_path / "out"
         try:
             generate(self.plan(meshes), out, run=killed_after(n_jobs))
         except Killed:
             assert n_jobs < 9
-        self.write(meshes / "table" / "solid_1.off", 7.0)
-        with pytest.raises(DatasetError, match=r"table/solid_1\.off must be what the data in .* were made of, sha256 "):
+        for number in range(4):
+            self.write(meshes / "table" / f"solid_{number}.off", 7.125)
+        with pytest.raises(DatasetError, match=r"table/solid_\d\.off has changed since the data in .* were made of it"):
             generate(self.plan(meshes), out)
         assert generate(self.plan(meshes), out, overwrite=True)["counts"]["meshes_failed"] == 0
-
-    def test_a_mesh_that_changed_while_others_were_made_is_refused(self, meshes: Path, tmp_path: Path) -> None:
-        def run(task: Task, jobs: list[Any], done: Done) -> None:
-            run_here(task, jobs, done)
-            self.write(meshes / "table" / "solid_0.off", 7.0)
-
-        with pytest.raises(DatasetError, match=r"table/solid_0\.off must be what the data"):
-            generate(self.plan(meshes), tmp_path / "out", run=run)
-
-    def test_files_of_the_same_content_are_the_same_mesh(self, meshes: Path, tmp_path: Path) -> None:
-        first = generate(self.plan(meshes), tmp_path / "out")
-        os.utime(meshes / "table" / "solid_1.off", ns=(0, 0))
-        assert generate(self.plan(meshes), tmp_path / "out") == first
 
     def test_which_way_is_up_is_part_of_the_plan(self, meshes: Path, tmp_path: Path) -> None:
         generate(self.plan(meshes), tmp_path / "out", share=(0, 2))
@@ -372,7 +324,7 @@ class TestOrigins:
 
     @pytest.mark.parametrize("format", ["hdf5", "packed", "scanobjectnn"])
     @pytest.mark.parametrize("finished", [False, True])
-    def test_a_mesh_that_failed_is_made_when_it_was_put_back(
+    def test_a_mesh_that_failed_is_made_when_that_is_asked_for(
         self, meshes: Path, tmp_path: Path, finished: bool, format: str
     ) -> None:
         out, bad = tmp_path / "out", meshes / "table" / "solid_0.off"
@@ -380,29 +332,27 @@ class TestOrigins:
         bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
         plan = replace(self.plan(meshes), format=format)
         if finished:
-            first = generate(plan, out)
-            assert list(first["failures"]) == list(first["tries"]) == ["table/solid_0.off"]
-            assert generate(plan, out) == first, "nothing changed, nothing is tried again"
+            assert list(generate(plan, out)["failures"]) == ["table/solid_0.off"]
         else:
             with pytest.raises(Killed):
-                generate(plan, out, run=killed_after(1))
+                generate(plan, out, run=killed_after(3))
         bad.write_bytes(sound)
-        assert generate(plan, out)["failures"] == {}
+        assert list(generate(plan, out)["failures"]) == ["table/solid_0.off"]
+        assert generate(plan, out, retry_failed=True)["failures"] == {}
         generate(plan, tmp_path / "fresh")
         assert files(out) == files(tmp_path / "fresh")
 
-    def test_a_mesh_that_exceeded_limits_is_tried_again_within_wider_ones(self, meshes: Path, tmp_path: Path) -> None:
+    def test_a_mesh_that_is_lost_is_left_out(self, meshes: Path, tmp_path: Path) -> None:
         out, plan = tmp_path / "out", self.plan(meshes)
 
         class Losing(GenerateTask):
-            def do(self, job: Any, gl: Any, lost: Any = None, on_mesh: Any = None) -> Any:
-                return super().do(job, gl, {1: GivenUp("it took longer", Limits(60, 4))})
+            def do(self, job: int, gl: Any, lost: Any = None, on_mesh: Any = None) -> None:
+                super().do(job, gl, {1: "it took longer"})
 
         def run(task: GenerateTask, jobs: list[Any], done: Done) -> None:  # type: ignore[misc]
-            run_here(Losing(task.plan, task.out, False), jobs, done)
+            run_here(Losing(task.plan, task.out), jobs, done)
 
-        first = generate(plan, out, run=run, limits=Limits(60, 4))  # type: ignore[arg-type]
+        first = generate(plan, out, run=run)  # type: ignore[arg-type]
         assert first["failures"] == {"table/solid_1.off": "it took longer"}
-        for narrower in (Limits(60, 4), Limits(20, 4), Limits(60, 3)):
-            assert generate(plan, out, limits=narrower) == first
-        assert generate(plan, out, limits=Limits(61, 4))["failures"] == {}
+        assert generate(plan, out) == first
+        assert generate(plan, out, retry_failed=True)["failures"] == {}

@@ -153,7 +153,7 @@ def test_views_that_see_nothing_are_no_clouds(tmp_path: Path) -> None:
 
 def test_any_unzip_reads_it(folder: Path) -> None:
     """The documented layout, read without this package's reader."""
-    with zipfile.ZipFile(folder / "packed-000000.zip") as archive:
+    with zipfile.ZipFile(folder / "packed-000001.zip") as archive:  # the brick is the test split
         assert archive.testzip() is None
         facts = json.loads(archive.read("000001/mesh.json"))
         assert facts["key"] == "brick_0"

@@ -148,8 +148,3 @@ def test_what_gives_no_pairs(tmp_path: Path) -> None:
             find_format("pairs").check(refused)
     with pytest.raises(DatasetError, match="at least one pair must have an overlap of"):
         generate(plan(box(), views="ring:2@0", overlap=(0.99, 1.0)), tmp_path / "two")
-
-
-def test_recipes_without_overlap_are_as_they_were() -> None:
-    assert "overlap" not in DatasetConfig().to_dict()
-    assert DatasetConfig(overlap=(0.3, 0.7)).to_dict()["overlap"] == (0.3, 0.7)

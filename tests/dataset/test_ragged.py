@@ -1,4 +1,4 @@
-"""Clouds of unequal size: batches, convert, verify, PyTorch; formats that cannot hold them refuse."""
+"""Clouds of unequal size: archives, convert, verify, PyTorch; formats that cannot hold them refuse."""
 
 import io
 import json
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_pieces_of_batches_are_read_back(folder: Path) -> None:
+def test_archives_are_read_back(folder: Path) -> None:
     source = open_dataset(folder / "hdf5")
     records = source.take(source.order["train"])
     for some in (records, records[:0]):

@@ -11,9 +11,9 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from zbuf_occlude.dataset.batch import batch_path, make_batch, read_outcome
 from zbuf_occlude.dataset.plan import Plan, DatasetConfig
 from zbuf_occlude.dataset.rehearsal import warm_up_jit
+from zbuf_occlude.dataset.shard import make_shard, read_shard
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude import shapes
 from zbuf_occlude.jit import compiler
@@ -34,9 +34,9 @@ warm_up_jit(recipe)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() if method == "depth_buffer" else nullcontext() as gl:
     plan = Plan(shapes.collection().interleaved().limit(2), recipe)
-    make_batch(plan, 0, Path(out), gl)
-    batch, _ = read_outcome(plan, batch_path(Path(out), 0))
-assert not batch.failures, batch.failures
+    make_shard(plan, 0, Path(out), gl)
+    report, _ = read_shard(plan, Path(out), 0)
+assert not report.failures, report.failures
 print(sorted(compiled() - ahead))
 """
 

@@ -104,6 +104,6 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match=r"a Ray cluster must answer at 127\.0\.0\.1:1: .*refused"):
         engine.run_ray(
-            GenerateTask(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
+            GenerateTask(plan_of(ball), tmp_path), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
         )
     assert not ray.is_initialized()

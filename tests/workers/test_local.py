@@ -25,12 +25,12 @@ from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.pool import Message
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = DatasetConfig(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
+RECIPE = DatasetConfig(method="oracle", views="fibonacci:100", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 
 
 def plan_of(*loads: object) -> Plan:
-    """Two meshes a batch, made by these functions of their number."""
+    """Two meshes a shard, made by these functions of their number."""
     entries = [MeshEntry(f"m{i}", "ball", "train", partial(f, i)) for i, f in enumerate(loads)]  # type: ignore[arg-type]
     return Plan(MeshCollection(entries), RECIPE)
 
@@ -42,7 +42,7 @@ def out(tmp_path: Path) -> Path:
 
 def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> dict[str, str]:
     """Make a dataset; return the failures."""
-    document = generate(plan, out, run=partial(run_local, n_workers=n_workers, limits=limits), limits=limits)
+    document = generate(plan, out, run=partial(run_local, n_workers=n_workers, limits=limits))
     failures: dict[str, str] = document["failures"]
     return failures
 
@@ -81,7 +81,7 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("load", "limits", "words"),
     [
-        (hang, Limits(seconds=4), ("timed out", "4 s", "--mesh-seconds")),
+        (hang, Limits(seconds=12), ("timed out", "12 s", "--mesh-seconds")),
         (swell, Limits(gigabytes=1.2), ("1.2 GB", "--mesh-gigabytes")),
         (suicide, AMPLE, ("killed by signal 9 at it, 2 times",)),
         (bad, AMPLE, ("m1 is bad",)),
@@ -94,7 +94,7 @@ def test_a_mesh_that_cannot_be_made_is_a_failure(
     failures = run(plan_of(ball, load), out, limits)
     assert list(failures) == ["m1"]
     assert all(word in failures["m1"] for word in words)
-    assert mesh_ids(out) == [0], "the other mesh of its batch is made"
+    assert mesh_ids(out) == [0], "the other mesh of its shard is made"
 
 
 def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:
@@ -148,14 +148,16 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
 def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
     program = (
-        "import os, sys, zbuf_occlude.workers.preload, numba\n"
+        "import os, sys\n"
+        f"for name in {local.PRELOAD}: __import__(name)\n"
+        "import numba\n"
         "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
         "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
         "try: numba.threading_layer()\n"
         "except ValueError: pass\n"
         "else: raise AssertionError('OpenMP')\n"
     )
-    environment = {**os.environ, **local.ENVIRONMENT}
+    environment = {**os.environ, local.THREADS: "1"}
     child = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
     )

@@ -3,7 +3,7 @@
 import pytest
 
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.workers.pool import CRASHES, KILLS, MOST_BROKEN, MOST_ENDS, ExitStatus, Message, do_jobs
 
 ENDS = "the worker ended"
@@ -15,9 +15,9 @@ class Puppet:
     def __init__(self, fate: str = "done", *, killed: bool = False, ready: bool = True) -> None:
         self.fate, self.killed, self.end = fate, killed, ENDS if fate == "start" else ""
         self.said: list[Message] = [("ready", 1)] if ready and fate != "start" else []
-        self.lost: dict[int, GivenUp] = {}
+        self.lost: dict[int, str] = {}
 
-    def assign(self, job: int, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: int, lost: dict[int, str]) -> None:
         self.lost = lost
         if self.fate == "broken":
             self.said.append(("broken", "no driver"))
@@ -81,7 +81,7 @@ def test_a_mesh_at_which_workers_end_is_a_failure(killed: bool, fates: list[str]
     done, started = run([0], [Puppet(fate, killed=killed) for fate in fates])
     assert done == [0]
     reason = f"{ENDS} at it, {fates.count('mesh')} times"
-    assert started[-1].lost == ({0: GivenUp(reason, Limits())} if given_up else {})
+    assert started[-1].lost == ({0: reason} if given_up else {})
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,6 @@ def test_on_a_cluster(tmp_path: Path) -> None:
 
 def test_the_extra_is_named_when_ray_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    run = partial(
-        engine.run_ray, GenerateTask(plan_of(ball), tmp_path, False), [0], lambda *_: (), n_workers=1, limits=AMPLE
-    )
+    run = partial(engine.run_ray, GenerateTask(plan_of(ball), tmp_path), [0], lambda *_: (), n_workers=1, limits=AMPLE)
     with pytest.raises(UnavailableError, match=r"pip install 'zbuf-occlude\[ray\]'"):
         run()

@@ -7,7 +7,6 @@ import click
 
 from zbuf_occlude.cli.shell import COMPILING, CommandGroup, check_surroundings
 from zbuf_occlude.jit.compiler import on_compiled
-from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -47,22 +46,11 @@ _MODULES = {
 }
 """Commands of each module whose name differs from theirs."""
 
-WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
-"""Arguments with which `generate` starts no local process."""
-
 
 class LazyGroup(CommandGroup):
     """Group of all commands."""
 
     table = COMMANDS
-
-    def resolve_command(
-        self, context: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that was called; the worker server of `generate` starts first, which takes longest."""
-        if args[0] == "generate" and not WITHOUT_WORKERS.intersection(args):
-            start_server()
-        return super().resolve_command(context, args)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Return a command; its module is imported."""

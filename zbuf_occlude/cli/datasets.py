@@ -38,7 +38,7 @@ from zbuf_occlude.workers import Run
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def status_command(folder: Path, as_json: bool) -> None:
-    """Say how far the dataset in DIR is: batches done, clouds, failures, time left at the speed so far.
+    """Say how far the dataset in DIR is: shards done, clouds, failures, time left at the speed so far.
 
     The complete clouds of a preset are reported too.
     """
@@ -54,8 +54,7 @@ def tell(report: dict[str, Any]) -> None:
     """Print one report."""
     echo(f"folder      {report['folder']}")
     echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
-    echo(f"batches     {report['batches_done']} of {report['batches']} done")
-    echo(f"groups      {report['groups_done']} of {report['groups']} written")
+    echo(f"shards      {report['shards_done']} of {report['shards']} done")
     for what, fault in report["to_make_again"].items():
         echo(f"again       {what}: {fault}")
     echo(f"clouds      {report['clouds']}")
@@ -64,8 +63,8 @@ def tell(report: dict[str, Any]) -> None:
     for key, reason in report["failures"].items():
         echo(f"failed      {key}: {reason}")
     state = "complete" if report["complete"] else "not complete; the same command resumes it"
-    if not report["complete"] and report["groups_done"] == report["groups"]:
-        state = f"not complete; all groups are made: zbuf-occlude merge {report['folder']}"
+    if not report["complete"] and report["shards_done"] == report["shards"]:
+        state = f"not complete; all shards are made: zbuf-occlude merge {report['folder']}"
     echo(f"state       {state}")
 
 
@@ -76,15 +75,13 @@ def gather(folder: Path) -> dict[str, Any]:
         "fingerprint": plan.fingerprint,
         "method": "none, complete" if plan.recipe.complete else plan.recipe.method,
         "clouds_planned": plan.n_clouds,
-        "batches": len(plan.batches),
-        "groups": len(plan.groups),
+        "shards": len(plan.shards),
         "complete": manifest is not None,
     }
     if manifest is None:
         return report | progress_of(plan, folder)
     return report | {
-        "batches_done": len(plan.batches),
-        "groups_done": len(plan.groups),
+        "shards_done": len(plan.shards),
         "clouds": manifest["counts"]["clouds"],
         "failures": manifest["failures"],
         "to_make_again": {},
@@ -100,7 +97,7 @@ def gather(folder: Path) -> dict[str, Any]:
 def merge_command(context: click.Context, /, folder: Path, **options: Any) -> None:
     """Finish DIR when all shares of it are made: lists of files, picture and manifest.
 
-    `zbuf-occlude generate --shard I/N` writes the files of its groups itself; nothing is merged. The complete clouds
+    `zbuf-occlude generate --shard I/N` writes the files of its shards itself; nothing is merged. The complete clouds
     that a preset makes beside are finished too. Of a layout of others (`--format pcn`) this exports the files.
 
     `zbuf-occlude generate` without --shard does this itself.

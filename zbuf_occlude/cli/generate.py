@@ -1,6 +1,6 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +40,13 @@ from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Pl
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.jit.compiler import announce, without_scipy
+from zbuf_occlude.jit.compiler import announce
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import SURFACE, span_of
+from zbuf_occlude.sensors.setup import SURFACE, ScanConfig, span_of
 from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.visibility import find_method
+from zbuf_occlude.workers import Done, Run, Task
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 
@@ -131,6 +132,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, callback=finite, help=LIMIT)
 @shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
+@click.option("--retry-failed", is_flag=True, help="Make meshes that failed in an earlier run again.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")
 @click.option("--dry-run", is_flag=True, help="Report what would be made, with the disk space and time it would take.")
 @click.pass_context
@@ -151,6 +153,7 @@ def generate_command(
     mesh_gigabytes: float,
     shard: str | None,
     require_gpu: bool,
+    retry_failed: bool,
     overwrite: bool,
     dry_run: bool,
     **recipe: Any,
@@ -233,12 +236,8 @@ def generate_command(
     )
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
-    if setup is not None and setup.range is not None and plan.views.rotations is not None:
-        raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
-    for remark in overruled(setup, plan.views):
-        echo(remark, err=True)
-    if setup is not None and setup.range is not None and explicitly_set(context, ("distance",)):
-        echo("--range says how far the sensor is: --distance does not count", err=True)
+    if setup is not None:
+        check_scans(context, setup, plan)
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
@@ -248,76 +247,73 @@ def generate_command(
     plans = [(plan, out)]
     if wanted is not None and wanted.original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
-    share = share_of(shard)
     if dry_run:
-        for each in plans:
-            check_folder(*each, overwrite=overwrite)
-        missing: OccludeError | None = None
-        try:
-            smoke_test(plan.recipe, require_gpu)
-        except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
-            missing = error
-        for each in plans:
-            echo(format_plan(*each))
-        for one, _ in plans if missing is None else ():
-            echo(costs(one))
-        if missing is not None:
-            echo(f"not on this machine: {missing}")
+        report(plans, overwrite, require_gpu)
         return
     if not needs_no_check(plan.recipe):
-        with without_scipy():
-            smoke_test(plan.recipe, require_gpu)
+        smoke_test(plan.recipe, require_gpu)
     if not is_warm(plan.recipe):
         announce()
         COMPILING.total = n_functions(plan.recipe)
-        with without_scipy():
-            warm_up_jit(plan.recipe)
-    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
-
-    failed = False
-    for one, folder in plans:
-        mine = len(one.groups[share[0] :: share[1]])
-        total = sum(map(len, one.groups[share[0] :: share[1]])) * one.clouds_per_mesh
-        bar = progress_bar(total, "clouds", "generate")
-
-        def begun(*work: Any, bar: Any = bar) -> None:
-            bar.delay = 0.0  # else what is shown now is not ended with its line
-            bar.refresh()
-            run(*work)
-
-        with bar, logging_redirect_tqdm():
-            document = generate(
-                one,
-                folder,
-                run=begun,
-                overwrite=overwrite,
-                share=share,
-                limits=limits,
-                progress=bar.update,
-                written=files_beside(bar),
-            )
-        if document:
-            echo(what_was_made(document, folder, read_as))
-            failed |= bool(document["failures"])
-        else:
-            done = progress_of(one, folder)["groups_done"]
-            echo(
-                f"{mine} of {len(one.groups)} groups are this share; {done} of {folder} are done. "
-                f"When all are: zbuf-occlude merge {out}"
-            )
-    if failed:
+        warm_up_jit(plan.recipe)
+    share = share_of(shard)
+    failed = [make(*each, run, share, read_as, overwrite, retry_failed) for each in plans]
+    if any(failed):
         raise SystemExit(SOME_FAILED)
 
 
-def files_beside(bar: Any) -> Callable[[int], None]:
-    """Return what shows beside a bar of clouds how many files are written, when it is called with that many more."""
-    total = 0
+def check_scans(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
+    """Refuse ranges of cameras that stand where a file says; report options that do not count."""
+    if setup.range is not None and plan.views.rotations is not None:
+        raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
+    for remark in overruled(setup, plan.views):
+        echo(remark, err=True)
+    if setup.range is not None and explicitly_set(context, ("distance",)):
+        echo("--range says how far the sensor is: --distance does not count", err=True)
 
-    def show(files: int) -> None:
-        nonlocal total
-        total += files
-        if total:
-            bar.set_postfix_str(f"{total} files written", refresh=False)
-            bar.update(0)
 
-    return show
+def report(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: bool) -> None:
+    """Report what plans would make in their folders, and what that would cost; nothing stays."""
+    for each in plans:
+        check_folder(*each, overwrite=overwrite)
+    missing: OccludeError | None = None
+    try:
+        smoke_test(plans[0][0].recipe, require_gpu)
+    except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
+        missing = error
+    for each in plans:
+        echo(format_plan(*each))
+    for plan, _ in plans if missing is None else ():
+        echo(costs(plan))
+    if missing is not None:
+        echo(f"not on this machine: {missing}")
+
+
+def make(
+    plan: Plan, out: Path, run: Run, share: tuple[int, int], read_as: str, overwrite: bool, retry_failed: bool
+) -> bool:
+    """Make one dataset, or a share of it, and report on it; return whether a mesh failed."""
+    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
+
+    mine = plan.shards[share[0] :: share[1]]
+    bar = progress_bar(sum(map(len, mine)) * plan.clouds_per_mesh, "clouds", "generate")
+
+    def begun(task: Task, jobs: list[Any], done: Done) -> None:
+        bar.delay = 0.0  # else what is shown now is not ended with its line
+        bar.refresh()
+        run(task, jobs, done)
+
+    with bar, logging_redirect_tqdm():
+        document = generate(
+            plan, out, run=begun, overwrite=overwrite, retry_failed=retry_failed, share=share, progress=bar.update
+        )
+    if document:
+        echo(what_was_made(document, out, read_as))
+        return bool(document["failures"])
+    done = progress_of(plan, out)["shards_done"]
+    merged = out.parent if out.name == ORIGINAL else out
+    echo(
+        f"{len(mine)} of {len(plan.shards)} shards are this share; {done} of {out} are done. "
+        f"When all are: zbuf-occlude merge {merged}"
+    )
+    return False

@@ -21,8 +21,7 @@ from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 
 BAD = 0.05
-"""A dataset comes with a warning where a larger share of a view's checked points is wrong, or of a mesh's surface has
-another sheet too near."""
+"""Share of a view's checked points that are wrong above which a dataset comes with a warning."""
 
 
 def format_error_rates(error: dict[str, Any], complete: bool) -> str:
@@ -44,18 +43,6 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
             f"more than 1 % in {error['bad_views']:.1%} of the views checked. --method exact has no such views."
         )
     return "\n".join(lines)
-
-
-def stacked(document: dict[str, Any]) -> list[str]:
-    """Warn of sheets that a method cannot tell apart."""
-    found = document.get("stacked")
-    if found is None or found["most"]["share"] <= BAD:
-        return []
-    most, method = found["most"], document["options"]["method"]
-    return [
-        f"warning: {most['share']:.0%} of the surface of {most['mesh']}, and {found['share']:.1%} of all, has another "
-        f"sheet nearer than the tolerance of {method}, and may show through it. --method exact tells them apart."
-    ]
 
 
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
@@ -137,7 +124,6 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         format_error_rates(error, options["complete"]),
-        *stacked(document),
         *format_warnings(document),
         *([f"read as   {read_as}"] if read_as else []),
         f"data      {out / names[0]}{others} ({n_files})",
@@ -249,7 +235,7 @@ def format_plan(plan: Plan, out: Path) -> str:
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
         f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
-        f"{points} in {counted(len(plan.groups), 'group')}, "
+        f"{points} in {counted(len(plan.shards), 'shard')}, "
         f"{how}\n"
         f"into {out} ({human(free, UNITS)} free)\n"
         f"fingerprint {plan.fingerprint}"

@@ -1,6 +1,7 @@
 """Files that are whole or not there (temporary name, sync, rename), and errors of damaged ones that name the file."""
 
 import errno
+import hashlib
 import io
 import json
 import os
@@ -13,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tarfile import TarError
 from tokenize import TokenError
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 from zipfile import BadZipFile
 
 from zbuf_occlude.errors import DatasetError
@@ -21,6 +22,14 @@ from zbuf_occlude.errors import DatasetError
 LOCK = ".zbuf-lock"
 """File of a dataset's folder that a run holds locked while it is at work."""
 _TEMPORARY = re.compile(rf"\.zbuf-[0-9a-f]{{16}}\.part|{re.escape(LOCK)}")
+
+
+class FileDigest(NamedTuple):
+    """The name, the size and the SHA-256 of a file."""
+
+    name: str
+    n_bytes: int
+    sha256: str
 
 
 def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
@@ -50,6 +59,20 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     finally:
         with suppress(OSError):  # it is not there any more, or never was
             temporary.unlink()
+
+
+def write_data(path: Path, fill: Callable[[IO[bytes]], object]) -> FileDigest:
+    """Write a file as `write` does, and return its digest."""
+    found: list[FileDigest] = []
+
+    def fill_and_digest(file: IO[bytes]) -> None:
+        fill(file)
+        n_bytes = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        found.append(FileDigest(path.name, n_bytes, hashlib.file_digest(file, "sha256").hexdigest()))  # type: ignore[arg-type]
+
+    write(path, fill_and_digest)
+    return found[0]
 
 
 def _link(temporary: Path, path: Path) -> None:

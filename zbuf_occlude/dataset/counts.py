@@ -37,13 +37,6 @@ class WorstView(NamedTuple):
     view: int
 
 
-class WorstMesh(NamedTuple):
-    """The mesh of whose surface the largest share has another sheet too near to be told from it."""
-
-    share: float
-    mesh: str
-
-
 @dataclass(frozen=True)
 class QualityCounts:
     """What was made and what was checked."""
@@ -64,9 +57,6 @@ class QualityCounts:
     n_views_checked: int = 0
     n_bad_views: int = 0  # of these the views of whose points more than `BAD_VIEW` were wrong
     worst: WorstView | None = None
-    n_looked_at: int = 0  # points that were looked at for another sheet
-    n_stacked: int = 0  # of them those that have one nearer than the method's tolerance
-    most_stacked: WorstMesh | None = None
     n_without_colors: int = 0  # meshes of which colours are wanted and some are lacking
     n_with_far_faces: int = 0  # meshes of which a few faces make the contact tolerance large for all others
     n_without_windows: int = 0  # meshes that have none of the windows asked for
@@ -77,7 +67,7 @@ class QualityCounts:
         added: dict[str, Any] = {}
         for name in (each.name for each in fields(self)):
             mine, theirs = getattr(self, name), getattr(other, name)
-            if name in ("worst", "most_stacked"):
+            if name == "worst":
                 added[name] = max(filter(None, (mine, theirs)), key=lambda each: each.share, default=None)
             elif name == "clear_range":
                 added[name] = max(mine, theirs)
@@ -98,10 +88,9 @@ class QualityCounts:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "QualityCounts":
-        """Read back what `document` gave."""
-        worst, most = document["worst"], document["most_stacked"]
-        read = {"worst": worst and WorstView(*worst), "most_stacked": most and WorstMesh(*most)}
-        return cls(**{**document, **read})
+        """Read back what `to_dict` gave."""
+        worst = document["worst"]
+        return cls(**{**document, "worst": worst and WorstView(*worst)})
 
     @property
     def error(self) -> dict[str, Any]:
@@ -124,14 +113,6 @@ class QualityCounts:
             return None
         shares = {name: getattr(self, f"n_{name}") / self.n_returns for name in ("too_near", "too_far")}
         return {"returns": self.n_returns, **shares, "clear_range": self.clear_range or None}
-
-    @property
-    def stacked(self) -> dict[str, Any] | None:
-        """How much of the surface has another sheet too near; None of methods without a tolerance."""
-        if self.most_stacked is None:
-            return None
-        share = self.n_stacked / self.n_looked_at
-        return {"share": share, "n_looked_at": self.n_looked_at, "most": self.most_stacked._asdict()}
 
 
 def interval(n_wrong: int, n: int) -> tuple[float, float]:

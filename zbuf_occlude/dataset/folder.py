@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Any
+from typing import Any
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import LOCK, reading
@@ -23,12 +23,10 @@ from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import SPLITS
 
 PLAN, MANIFEST = "plan.json", "manifest.json"
-GROUPS = "groups"
-"""Folder of what is known of each group that is done, a JSON file each."""
+SHARDS = "shards"
+"""Folder of the sidecars of shards; and of their files, where an export is made of these."""
 WORK = "work"
-"""Folder of unfinished work."""
-STORED = "stored"
-"""Folder of the dataset that a layout of others is exported from, while that is made."""
+"""Folder of an unfinished export."""
 EXPORT_NAMES = "export.json"
 """File of the work folder that lists what an export writes, or has written before it was found damaged."""
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
@@ -44,6 +42,8 @@ Kinds = Mapping[str, Any]
 
 _SHARE = (int, float, type(None))  # None: nothing was checked
 _OF_MANIFEST: Kinds = {
+    "blank_views": dict,
+    "bytes": dict,
     "classes": list,
     "counts": {
         "clouds": int, "clouds_by_split": dict, "meshes": int, "meshes_failed": int, "views": int, "variations": int,
@@ -53,7 +53,9 @@ _OF_MANIFEST: Kinds = {
     "files": dict,
     "fingerprint": str,
     "format": str,
+    "left_out": dict,
     "options": {"complete": bool, "method": str, "reason": str},
+    "origins": dict,
     "renderer": str,
     "seed": int,
     "sha256": dict,
@@ -138,25 +140,18 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def is_as_written(path: Path, n_bytes: int | None, sha256: str, since: int) -> bool:
-    """Whether a file has its size, where that is known, and its content.
-
-    It is read only where it has changed `since` (ns): where nothing has, its size alone is looked at.
-    """
+def has_size(path: Path, n_bytes: int) -> bool:
+    """Return whether a file is there and has a size."""
     try:
         found = path.stat()
-        if not stat.S_ISREG(found.st_mode) or (n_bytes is not None and found.st_size != n_bytes):
-            return False
-        return max(found.st_mtime_ns, found.st_ctime_ns) < since or sha256_of(path) == sha256
     except OSError:
         return False
+    return stat.S_ISREG(found.st_mode) and found.st_size == n_bytes
 
 
 def damaged(out: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """Return the files of a finished dataset that are missing or not as they were written, by `is_as_written`."""
-    since, sizes = (out / MANIFEST).stat().st_mtime_ns, manifest.get("bytes", {})
-    files = sorted(manifest["sha256"].items())
-    return [name for name, sha256 in files if not is_as_written(out / name, sizes.get(name), sha256, since)]
+    """Return the files of a finished dataset that are missing or have not the size that they were written with."""
+    return [name for name, n_bytes in sorted(manifest["bytes"].items()) if not has_size(out / name, n_bytes)]
 
 
 def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
@@ -204,7 +199,7 @@ def contains_plan(plan: Plan, out: Path) -> bool:
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
         return theirs is not None
-    differences = [*plan.differences(theirs.document)] or ["the views are others"]
+    differences = [*plan.differences(theirs.to_dict())] or ["the views are others"]
     more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
     raise DatasetError(
         f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "
@@ -217,17 +212,17 @@ def claim_folder(plan: Plan, out: Path) -> None:
     if not contains_plan(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
-            document = {"fingerprint": plan.fingerprint, **plan.document}
+            document = {"fingerprint": plan.fingerprint, **plan.to_dict()}
             atomic.write_json(out / PLAN, document, exclusive=True)
         except FileExistsError:  # another run was faster
             contains_plan(plan, out)
 
 
 @contextmanager
-def locked(out: Path, groups: range | None = None, *, wait: bool = False) -> Iterator[None]:
-    """Hold a folder, or some groups of its dataset, for this run alone; the lock ends with the process at the latest.
+def locked(out: Path, *, shared: bool = False, wait: bool = False) -> Iterator[None]:
+    """Hold a folder for this run alone, or for the shares of a dataset; the lock ends with the process at the latest.
 
-    Another run that holds any of it is waited for with `wait`, else a DatasetError.
+    Another run is waited for with `wait`, else a DatasetError.
     """
     out.mkdir(parents=True, exist_ok=True)
     try:
@@ -237,29 +232,24 @@ def locked(out: Path, groups: range | None = None, *, wait: bool = False) -> Ite
         return
     path, held = out / LOCK, False
     while not held:
-        with open(path, "ab") as file:
-            _lock(fcntl, file, out, groups, wait)
+        with open(path, "a+b") as file:
+            try:
+                fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
+            except BlockingIOError:
+                raise DatasetError(
+                    f"{out} must be made by one run at a time; another is at work there. Wait until it ends, or give "
+                    "each run its own --shard I/N."
+                ) from None
+            except OSError:  # a file system without locks
+                yield
+                return
             held = path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))  # else it was another's end
             if held:
                 try:
                     yield
                 finally:
-                    if groups is None:  # of its groups, others may be held by others
+                    if not shared:  # others may share it
                         path.unlink(missing_ok=True)
-
-
-def _lock(fcntl: Any, file: IO[bytes], out: Path, groups: range | None, wait: bool) -> None:
-    """Lock a byte of a file for each group, or all of it."""
-    for start, n_bytes in [(0, 0)] if groups is None else [(group, 1) for group in groups]:
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), n_bytes, start)
-        except (BlockingIOError, PermissionError):
-            raise DatasetError(
-                f"{out} must be made by one run at a time; another is at work there. Wait until it ends, or give each "
-                "run its own --shard I/N."
-            ) from None
-        except OSError:  # a file system without locks
-            return
 
 
 def remove(out: Path) -> None:
@@ -310,21 +300,23 @@ def _original(out: Path) -> Plan | None:
 def remove_work(out: Path, plan: Plan) -> None:
     """Remove what a finished dataset no longer needs: unfinished work, and temporary files of killed processes."""
     own, _ = partition_files(out, plan)
-    left = [each for each in own if each.split("/")[0] in (WORK, STORED) or atomic.is_temporary(each.split("/")[-1])]
+    folders = (WORK, SHARDS) if find_format(plan.format).exported_from else (WORK,)
+    left = [each for each in own if each.split("/")[0] in folders or atomic.is_temporary(Path(each).name)]
     remove_files(out, [name for name in left if name != LOCK])
 
 
 def partition_files(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
     """Return what in a dataset's folder is the dataset's, and what is not: files, and folders, which end in a slash."""
     names = {PLAN, MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)}
-    names |= set(find_format(plan.format).names(plan)) | set(recorded(out))
-    folders = {"", GROUPS, WORK, STORED} | {str(parent) for name in names for parent in Path(name).parents} - {"."}
+    row = find_format(plan.format)
+    names |= {f"{SHARDS}/{name}" if row.exported_from else name for name in row.names(plan)} | set(recorded(out))
+    folders = {"", SHARDS, WORK} | {str(parent) for name in names for parent in Path(name).parents} - {"."}
     own, others = list[str](), list[str]()
     for path, subfolders, files in os.walk(out):
         here = "" if (found := os.path.relpath(path, out)) == "." else f"{found}/"
         for name in list(subfolders):
             whole = f"{here}{name}"
-            ours = whole in folders or whole.startswith((f"{WORK}/export", f"{STORED}/"))
+            ours = whole in folders or whole.startswith(f"{WORK}/export")
             if os.path.islink(os.path.join(path, name)) or not ours:
                 subfolders.remove(name)
                 if here or name != ORIGINAL or _original(out) is None:
@@ -338,12 +330,12 @@ def partition_files(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
     return own, sorted(others)
 
 
-_OWN = re.compile(rf"{GROUPS}/\d{{6}}\.json$|{WORK}/(\d{{6}}\.batch$|{EXPORT_NAMES}$|export/)|{STORED}/")
+_OWN = re.compile(rf"{SHARDS}/\d{{6}}\.json$|{WORK}/({EXPORT_NAMES}$|export/)")
 
 
 def recorded(out: Path) -> Iterator[str]:
-    """Yield the names of files that a manifest, records of groups, or an export that was begun say are there."""
-    for path in (out / MANIFEST, *(out / GROUPS).glob("*.json"), out / WORK / EXPORT_NAMES):
+    """Yield the names of files that a manifest, or an export that was begun, say are there."""
+    for path in (out / MANIFEST, out / WORK / EXPORT_NAMES):
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # damaged: what it names stays
             document = json.loads(path.read_bytes())
             yield from document["sha256"] if "sha256" in document else document["names"]

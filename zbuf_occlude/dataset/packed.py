@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.atomic import reading
+from zbuf_occlude.dataset.atomic import FileDigest, reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.pipeline import Sampling, standing_points
 from zbuf_occlude.dataset.plan import Numbers, Plan
@@ -61,9 +61,9 @@ QUANT_LEVELS = 2**16 - 1
 """An object's longest side is this many steps long; positions are rounded to whole steps."""
 
 
-def archive_name(batch: int) -> str:
-    """Return the name of a batch's archive."""
-    return f"packed-{batch:06d}.zip"
+def archive_name(shard: int) -> str:
+    """Return the name of a shard's archive."""
+    return f"packed-{shard:06d}.zip"
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
@@ -177,8 +177,8 @@ def _table(columns: dict[str, NDArray[Any]]) -> NDArray[Any]:
     return rows
 
 
-class Archive:
-    """Collects the points and bits of a batch, and writes its archive."""
+class Shard:
+    """The points and bits of a shard, as the members of its archive."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -222,7 +222,7 @@ class Archive:
             if "colors" in recipe.attributes:
                 self._members.append((f"{name}.colors", pack_integers(colors_of(points))))
 
-    def write(self, path: Path) -> None:
+    def write(self, out: Path, shard: int) -> list[FileDigest]:
         """Write the archive; times in it are fixed, so the same clouds give the same bytes."""
 
         def fill(file: IO[bytes]) -> None:
@@ -232,7 +232,7 @@ class Archive:
                     member.compress_type = zipfile.ZIP_DEFLATED
                     archive.writestr(member, content)
 
-        atomic.write(path, fill)
+        return [atomic.write_data(out / archive_name(shard), fill)]
 
 
 class PackedFiles:
@@ -246,7 +246,7 @@ class PackedFiles:
         self._forget()
         self._facts: dict[int, dict[str, Any]] = {}
         self._path_of: dict[int, Path] = {}
-        for path in sorted({out / name for names in files.values() for name in names}):
+        for path in sorted(out / name for names in files.values() for name in names):
             with reading(path):
                 archive = self._archive(path)
                 for name in archive.namelist():

@@ -89,9 +89,6 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
-                    from zbuf_occlude.dataset.stacked import count_coincident_surfaces  # late: takes numba
-
-                    counts += count_coincident_surfaces(mesh, points, occluder.tolerance, key)
                     counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
             if views.fov_bounds is not None:
                 mask = mask & views.in_frustum(points.positions)

@@ -1,17 +1,20 @@
 """The plan of a dataset: meshes x views x variations, and the file and row of every cloud before it is made.
 
-Meshes are dealt at random to groups. A *group* is a few final files, whose clouds are mixed at random; machines share
-groups. A *batch* is a few meshes of a group, which a worker makes at a time. A view that sees nothing, or a mesh that
-fails, leaves its rows empty and moves no other cloud. So the same input gives the same plan, and that the same files.
+The meshes of each split are permuted at random and dealt to shards. A *shard* is a set of whole meshes and the final
+files of their clouds. A worker makes a shard at a time, and machines share shards. The clouds of a shard are permuted
+at random. A view that sees nothing, or a mesh that fails, leaves its rows empty and moves no other cloud. The same
+input therefore gives the same plan, and the same plan the same files.
 """
 
 import hashlib
 import json
+import math
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache, partial
-from itertools import pairwise, zip_longest
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,17 +42,18 @@ BOXES = "boxes"
 """The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 9
-"""Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
-CLOUDS_PER_FILE = 2048
-"""Clouds of a full file, unless they are whole scans."""
-CLOUDS_PER_GROUP = 4 * CLOUDS_PER_FILE
-"""Approximate number of clouds of a group."""
-RAYS_PER_FILE = 2**23
-"""Of files of whole scans, which have fewer clouds: a file of them passes through memory, 80 bytes a point."""
-CLOUDS_PER_BATCH, FEWEST_PER_BATCH, BATCHES = 500, 125, 32
-"""Clouds of a batch in a large dataset: seconds of work. A small one has `BATCHES` batches, if that many have the
-fewest clouds, so that workers end together."""
+DATA_VERSION = 1
+"""Version of the data. It is raised whenever the same plan gives other files than before."""
+CLOUDS_PER_FILE, FILES_PER_SHARD = 2048, 4
+"""Maximum number of clouds of a file, and of full files of a shard."""
+LEAST_SHARDS, FEWEST_PER_SHARD = 64, 256
+"""Number of shards that a dataset is cut into at least, unless its shards would have fewer clouds than this."""
+SHARD_BYTES = 512 * 2**20
+"""Maximum estimated size of a shard, which is made in memory."""
+POINT_BYTES, RETURN_BYTES = 32, 80
+"""Estimated bytes of a point on a surface, and of a return of a sensor, with all their fields."""
+AREA = 6.0
+"""Estimated area of an object whose longest side is 1: that of a cube."""
 PAIRS_CHECKED = 37_000
 """Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than
 0.01 % of all are, with 95 % confidence (`dataset/counts.py`)."""
@@ -205,8 +209,8 @@ class DatasetConfig:
         return self.sample_size
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields as plain data; `overlap` only where there is one, as recipes were written before it."""
-        return {name: value for name, value in asdict(self).items() if name != "overlap" or value is not None}
+        """Return the fields as plain data."""
+        return asdict(self)
 
     @cached_property
     def setup(self) -> ScanConfig | None:
@@ -214,24 +218,17 @@ class DatasetConfig:
         return None if self.scanning is None else ScanConfig(**self.scanning)
 
 
-class PlannedBatch(NamedTuple):
-    """A few meshes of one group, made together."""
-
-    group: int
-    mesh_ids: list[int]
-
-
 class PlannedFile(NamedTuple):
-    """File `number` of a split, with clouds of one group."""
+    """File `number` of a split, with clouds of one shard."""
 
-    group: int
+    shard: int
     split: str
     number: int
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Meshes x views x variations, dealt to groups of files.
+    """Meshes x views x variations, dealt to shards.
 
     Parameters
     ----------
@@ -242,21 +239,24 @@ class Plan:
         Name of the format or layout of the files.
     views : Views, optional
         Distances in longest sides, about the origin; the recipe's by default. Where each mesh has its own (`views_of`),
-        these only say how many.
+        these only give their number.
+    version : int
+        The version of the data.
     """
 
     meshes: MeshCollection
     recipe: DatasetConfig
     format: str = "hdf5"
     views: Views = None  # type: ignore[assignment]  # set below; every Plan has views
+    version: int = DATA_VERSION
 
     def __post_init__(self) -> None:
         if self.views is None:
             object.__setattr__(self, "views", self.recipe.make_views())
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups", "batches")
+        """Return what workers are sent: the fields, and what is costly to compute again."""
+        names = ("meshes", "recipe", "format", "views", "version", "classes", "fingerprint", "split_of", "shards")
         return {name: getattr(self, name) for name in names}
 
     @cached_property
@@ -294,109 +294,79 @@ class Plan:
         """Pairs of view and point of each sampling of a mesh that are asked again of the oracle."""
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
+    @cached_property
+    def _cloud_bytes(self) -> int:
+        """The estimated size of a cloud."""
+        recipe, setup = self.recipe, self.recipe.setup
+        n_points = recipe.sample_size or recipe.n_points or math.ceil(AREA * (recipe.density or 0.0))
+        if setup is not None and recipe.sample_size is None and setup.keep == "all":
+            sizes = self.views.sizes
+            n_points = len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
+        return n_points * (POINT_BYTES if setup is None else RETURN_BYTES)
+
     @property
-    def _is_of_whole_scans(self) -> bool:
-        setup = self.recipe.setup
-        return setup is not None and setup.keep == "all" and self.recipe.sample_size is None
-
-    @cached_property
     def clouds_per_file(self) -> int:
-        """Clouds of a full file."""
-        setup = self.recipe.setup
-        if setup is None or not self._is_of_whole_scans:
-            return CLOUDS_PER_FILE
-        sizes = self.views.sizes
-        n_rays = len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
-        return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // n_rays))
+        """The maximum number of clouds of a file."""
+        return max(1, min(CLOUDS_PER_FILE, SHARD_BYTES // self._cloud_bytes))
+
+    @property
+    def meshes_per_shard(self) -> int:
+        """The maximum number of meshes of a shard; the number of workers does not matter."""
+        wanted = max(FEWEST_PER_SHARD, self.n_clouds // LEAST_SHARDS)
+        n_clouds = min(wanted, FILES_PER_SHARD * CLOUDS_PER_FILE, SHARD_BYTES // self._cloud_bytes)
+        return max(1, n_clouds // self.clouds_per_mesh)
 
     @cached_property
-    def clouds_per_group(self) -> int:
-        """Approximate number of clouds of a group."""
-        return min(CLOUDS_PER_GROUP, 4 * self.clouds_per_file) if self._is_of_whole_scans else CLOUDS_PER_GROUP
+    def shards(self) -> list[NDArray[np.int32]]:
+        """Mesh indices of each shard, all of one split."""
+        found: list[NDArray[np.int32]] = []
+        for split in np.unique(self.split_of).tolist():
+            rng = np.random.default_rng(seed_of(self.recipe.seed, "shards/" + SPLITS[split]))
+            mesh_ids = rng.permutation(np.flatnonzero(self.split_of == split).astype(np.int32))
+            found += np.array_split(mesh_ids, -(-len(mesh_ids) // self.meshes_per_shard))
+        return found
 
-    @cached_property
-    def clouds_per_batch(self) -> int:
-        """Approximate number of clouds of a batch."""
-        if self._is_of_whole_scans:
-            return max(1, self.clouds_per_file // 8)
-        return min(CLOUDS_PER_BATCH, max(FEWEST_PER_BATCH, self.n_clouds // BATCHES))
-
-    @cached_property
-    def groups(self) -> list[NDArray[np.int32]]:
-        """Mesh indices of each group, ascending.
-
-        Of each run of neighbouring meshes every group gets one, at random: so all groups have the same share of each
-        class and split, whatever the order of the meshes.
-        """
-        n_meshes = len(self.meshes)
-        n_groups = max(1, min(round(self.n_clouds / self.clouds_per_group), n_meshes))
-        hands = np.tile(np.arange(n_groups), (-(-n_meshes // n_groups), 1))
-        rng = np.random.default_rng(seed_of(self.recipe.seed, "groups"))
-        group_of = rng.permuted(hands, axis=1).ravel()[:n_meshes]
-        ends = np.cumsum(np.bincount(group_of, minlength=n_groups))[:-1]
-        return np.split(np.argsort(group_of, kind="stable").astype(np.int32), ends)
-
-    @cached_property
-    def batches(self) -> list[PlannedBatch]:
-        """All batches, group by group; the number of workers does not matter."""
-        size = max(1, self.clouds_per_batch // self.clouds_per_mesh)
-        return [
-            PlannedBatch(group, mesh_ids[begin : begin + size].tolist())
-            for group, mesh_ids in enumerate(self.groups)
-            for begin in range(0, len(mesh_ids), size)
-        ]
-
-    @cached_property
-    def batches_of(self) -> list[range]:
-        """Indices of the batches of each group."""
-        return _ranges((batch.group for batch in self.batches), len(self.groups))
+    def split_of_shard(self, shard: int) -> str:
+        """Return the split of a shard's meshes."""
+        return SPLITS[self.split_of[self.shards[shard][0]]]
 
     @cached_property
     def files(self) -> list[PlannedFile]:
-        """All files, group by group."""
+        """All files, shard by shard; of a shard as equal in size as can be."""
         found, n_before = list[PlannedFile](), Counter[str]()
-        for group, mesh_ids in enumerate(self.groups):
-            for split, n_meshes in zip(SPLITS, self._per_split(mesh_ids), strict=True):
-                n_files = -(-int(n_meshes) * self.clouds_per_mesh // self.clouds_per_file)
-                found += [PlannedFile(group, split, n_before[split] + i) for i in range(n_files)]
-                n_before[split] += n_files
+        for shard, mesh_ids in enumerate(self.shards):
+            split, n_files = (
+                self.split_of_shard(shard),
+                -(-len(mesh_ids) * self.clouds_per_mesh // self.clouds_per_file),
+            )
+            found += [PlannedFile(shard, split, n_before[split] + i) for i in range(n_files)]
+            n_before[split] += n_files
         return found
 
-    @cached_property
-    def files_of(self) -> list[range]:
-        """Indices of the files of each group."""
-        return _ranges((file.group for file in self.files), len(self.groups))
+    def files_of(self, shard: int) -> range:
+        """Return the indices of the files of a shard."""
+        first, end = (bisect_left(self.files, number, key=attrgetter("shard")) for number in (shard, shard + 1))
+        return range(first, end)
 
     def places(self, mesh_ids: Numbers, variations: Numbers, view_ids: Numbers) -> tuple[Numbers, Numbers]:
         """Return the file of each of some clouds (n,), an index into `files`, and the row there."""
         files, rows = np.empty(len(mesh_ids), int), np.empty(len(mesh_ids), int)
-        samples = np.asarray(variations, int) * len(self.views) + view_ids
-        group_of, rank_of, first_file = self._ranks
-        groups, splits = group_of[mesh_ids], self.split_of[mesh_ids]
-        for group, split in np.unique(np.stack([groups, splits], axis=1), axis=0).tolist():
-            mine = (groups == group) & (splits == split)
-            n_clouds = int(self._per_split(self.groups[group])[split]) * self.clouds_per_mesh
-            numbers = rank_of[mesh_ids[mine]].astype(int) * self.clouds_per_mesh + samples[mine]
-            found = _shuffled(self.recipe.seed, SPLITS[split], group, n_clouds)[numbers]
-            files[mine] = first_file[group, SPLITS[split]] + found // self.clouds_per_file
-            rows[mine] = found % self.clouds_per_file
+        shard_of, rank_of = self._ranks
+        numbers = rank_of[mesh_ids].astype(int) * self.clouds_per_mesh + variations * len(self.views) + view_ids
+        for shard in np.unique(shard_of[mesh_ids]).tolist():
+            mine, of_shard = shard_of[mesh_ids] == shard, self.files_of(shard)
+            n_clouds = len(self.shards[shard]) * self.clouds_per_mesh
+            found, n_rows = _shuffled(self.recipe.seed, shard, n_clouds)[numbers[mine]], -(-n_clouds // len(of_shard))
+            files[mine], rows[mine] = of_shard.start + found // n_rows, found % n_rows
         return files, rows
 
     @cached_property
-    def _ranks(self) -> tuple[NDArray[np.int32], NDArray[np.int32], dict[tuple[int, str], int]]:
-        """Each mesh's group and its rank there among those of its split; the first file of a group's split."""
-        group_of, rank_of = np.empty(len(self.meshes), np.int32), np.empty(len(self.meshes), np.int32)
-        for group, mesh_ids in enumerate(self.groups):
-            group_of[mesh_ids] = group
-            for split in range(len(SPLITS)):
-                mine = mesh_ids[self.split_of[mesh_ids] == split]
-                rank_of[mine] = np.arange(len(mine))
-        first_file = {file[:2]: i for i, file in reversed(list(enumerate(self.files)))}
-        return group_of, rank_of, first_file
-
-    def _per_split(self, mesh_ids: NDArray[np.int32]) -> Numbers:
-        """Count the meshes of each split."""
-        return np.bincount(self.split_of[mesh_ids], minlength=len(SPLITS))
+    def _ranks(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """The shard of each mesh, and the rank of the mesh there."""
+        shard_of, rank_of = np.empty(len(self.meshes), np.int32), np.empty(len(self.meshes), np.int32)
+        for shard, mesh_ids in enumerate(self.shards):
+            shard_of[mesh_ids], rank_of[mesh_ids] = shard, np.arange(len(mesh_ids))
+        return shard_of, rank_of
 
     @cached_property
     def pool(self) -> Pool:
@@ -405,43 +375,30 @@ class Plan:
         given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
         return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
 
-    @cached_property
-    def document(self) -> dict[str, Any]:
-        """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
-        full = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as plain data, for plan.json: the recipe, the positions and every mesh."""
         return {
             "recipe": self.recipe.to_dict(),
             "format": self.format,
             "views": self.views.to_rows().tolist(),
             "classes": self.classes,
-            # a unit only where one was given, as plans were written before it
-            "meshes": [[e.key, e.label, e.split, e.up, *([e.unit] if e.unit else [])] for e in self.meshes],
-            "clouds_per_batch": self.clouds_per_batch,
-            "clouds_per_group": self.clouds_per_group,
-            "data_version": DATA_VERSION,
-            **full,  # only where it differs, as plans were written before it
+            "meshes": [[entry.key, entry.label, entry.split, entry.up, entry.unit] for entry in self.meshes],
+            "version": self.version,
         }
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "Plan":
-        """Read a plan back from its document, without its meshes: enough to read, count and check, not to generate."""
+        """Read back what `to_dict` gave, without the meshes: enough to read, count and check, not to generate."""
         entries = [
-            MeshEntry(key, label, split, partial(_not_loadable, key), None, *frame)
-            for key, label, split, *frame in document["meshes"]
+            MeshEntry(key, label, split, partial(_not_loadable, key), None, up, unit)
+            for key, label, split, up, unit in document["meshes"]
         ]
-        views = Views.from_rows(document["views"])
-        plan = cls(MeshCollection(entries), DatasetConfig(**document["recipe"]), document["format"], views)
-        stored = {name: value for name, value in document.items() if name != "fingerprint"}
-        plan.__dict__["document"] = stored  # its identity, whatever a later version would write
-        plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]
-        plan.__dict__["clouds_per_group"] = stored["clouds_per_group"]
-        plan.__dict__["clouds_per_file"] = stored.get("clouds_per_file", CLOUDS_PER_FILE)
-        plan.__dict__["classes"] = stored["classes"]
-        return plan
+        views, recipe = Views.from_rows(document["views"]), DatasetConfig(**document["recipe"])
+        return cls(MeshCollection(entries), recipe, document["format"], views, document["version"])
 
     def differences(self, theirs: Mapping[str, Any]) -> Iterator[str]:
         """Say in words in what another plan's document differs from this one's."""
-        mine = self.document
+        mine = self.to_dict()
         for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
             then, now = (document["recipe"].get(name) for document in (theirs, mine))
             if name != "reason":
@@ -454,40 +411,25 @@ class Plan:
             if gone := [key for key in here if key not in there]:
                 yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
         for key in before.keys() & after.keys():
-            # of plans without an axis or a unit these are not there
-            for what, then, now in zip_longest(("class", "split", "up", "unit"), before[key], after[key], fillvalue=""):
+            for what, then, now in zip(("class", "split", "up", "unit"), before[key], after[key], strict=True):
                 if then != now:
                     yield f"{what} of {key} was {then!r}, and is {now!r}"
-        for name, what in (
-            ("format", "format"),
-            ("clouds_per_batch", "clouds of a batch"),
-            ("clouds_per_group", "clouds of a group"),
-            ("clouds_per_file", "clouds of a file"),
-            ("data_version", "data version"),
-        ):
-            if theirs.get(name) != mine.get(name):
-                yield f"{what} was {theirs.get(name)!r}, and is {mine.get(name)!r}"
+        for name, what in (("format", "format"), ("version", "data version")):
+            if theirs[name] != mine[name]:
+                yield f"{what} was {theirs[name]!r}, and is {mine[name]!r}"
 
     @cached_property
     def fingerprint(self) -> str:
-        """A hash of `document`, the reason left out: two runs with one fingerprint make the same dataset."""
-        decisive = self.document | {"recipe": self.document["recipe"] | {"reason": ""}}
+        """A hash of `to_dict`, the reason left out: two runs with one fingerprint make the same dataset."""
+        document = self.to_dict()
+        decisive = document | {"recipe": document["recipe"] | {"reason": ""}}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _ranges(owners: Iterable[int], n_owners: int) -> list[range]:
-    """Return the indices of what each of some owners has; `owners` ascend."""
-    ends = np.searchsorted(list(owners), np.arange(n_owners + 1)).tolist()
-    return [range(begin, end) for begin, end in pairwise(ends)]
-
-
-@lru_cache(maxsize=2 * len(SPLITS))
-def _shuffled(seed: int, split: str, group: int, n_clouds: int) -> Numbers:
-    """Return the place of each cloud of a group's split: a random permutation."""
-    in_order = np.random.default_rng(seed_of(seed, "order/" + split, group)).permutation(n_clouds)
-    places = np.empty_like(in_order)
-    places[in_order] = np.arange(n_clouds)
-    return places
+@lru_cache(maxsize=8)
+def _shuffled(seed: int, shard: int, n_clouds: int) -> Numbers:
+    """Return the place of each cloud of a shard: a random permutation."""
+    return np.random.default_rng(seed_of(seed, "order", shard)).permutation(n_clouds)
 
 
 def _changed(name: str, then: Any, now: Any) -> Iterator[str]:

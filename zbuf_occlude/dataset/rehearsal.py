@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.batch import make_batch, make_mesh, new_store
-from zbuf_occlude.dataset.formats import PACKED, find_format
-from zbuf_occlude.dataset.packed import Archive
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import BOXES, DatasetConfig, Plan
 from zbuf_occlude.dataset.records import record_type
+from zbuf_occlude.dataset.shard import make_mesh, make_shard, new_store
 from zbuf_occlude.errors import ArgumentError, GlError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import sample_surface
@@ -27,8 +26,6 @@ from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.visibility import find_method, prepare
 
-OPEN_GROUPS = 2
-"""Groups whose batches and files may both be on the disk."""
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
 N_FUNCTIONS = {"depth_buffer": 59, "exact": 163, "exact-scans": 253}
@@ -91,7 +88,7 @@ def warm_up_jit(recipe: DatasetConfig) -> None:
     with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
-        make_batch(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
+        make_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
         if recipe.setup is not None:  # ask as scans of large things in scenes do
             mesh = load_mesh(path)
             eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
@@ -142,10 +139,10 @@ def estimate(plan: Plan) -> Estimate:
     n, (seconds, sizes, failed) = len(plan.meshes), zip(*made, strict=True)
     spread = float(np.std(seconds, ddof=1)) if len(made) > 1 else seconds[0]
     n_bytes, row = n * float(np.mean(sizes)), find_format(plan.format)
-    size, files, peak = plan.recipe.sample_size, n_bytes, n_bytes
-    if plan.format != PACKED:
-        files = n_bytes if size is None else plan.n_clouds * record_type(plan.recipe).itemsize
-        peak = files + n_bytes if row.exported_from else files * (1 + min(1.0, OPEN_GROUPS / len(plan.groups)))
+    files = n_bytes
+    if plan.recipe.sample_size is not None and not row.whole_objects:
+        files = float(plan.n_clouds * record_type(plan.recipe).itemsize)
+    peak = files + (n_bytes if row.keeps_points else files) * bool(row.exported_from)
     uncertainty = 2 * n * spread / math.sqrt(len(made)) if len(made) < n else 0.0
     return Estimate(len(made), sum(failed), n * float(np.mean(seconds)), uncertainty, files, peak)
 
@@ -157,12 +154,5 @@ def _time_mesh(plan: Plan, mesh_id: int, gl: Any, folder: Path) -> tuple[float, 
         make_mesh(plan, mesh_id, gl, store)
     except (MeshError, ArgumentError):
         failed = True
-    made = time.process_time()
-    if isinstance(store, Archive):
-        store.write(folder / "archive")
-        return time.process_time() - began, (folder / "archive").stat().st_size, failed
-    pieces = [piece for of_file in store.pieces().values() for piece in of_file]
-    with open(folder / "batch", "wb") as file:
-        file.writelines(pieces)
-    writing = time.process_time() - made
-    return made - began + 2 * writing, sum(map(len, pieces)), failed  # in a batch, then in files
+    n_bytes = sum(file.n_bytes for file in store.write(folder, 0))
+    return time.process_time() - began, n_bytes, failed

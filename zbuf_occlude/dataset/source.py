@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import DatasetConfig, Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
@@ -84,7 +84,7 @@ def open_dataset(folder: Path, recipe: DatasetConfig | None = None) -> CloudRead
     """
     plan, manifest = read_finished(folder)
     if recipe is not None:
-        assert plan.format == PACKED
+        assert find_format(plan.format).whole_objects
         plan = replace(plan, recipe=recipe)
     row = find_format(plan.format)
     if row.exported_from:

@@ -16,9 +16,11 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Records, gather_clouds
 from zbuf_occlude.dataset.source import CloudReader
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.provenance import MeshSource
 from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
@@ -160,7 +162,7 @@ def verify(
                 f"the meshes given must have {lacking[0]}; they have not. Give those that the dataset was made of."
             )
         elif scanned:
-            _scan_again(records, plan, by_key, n_samples, verdict)
+            _scan_again(records, plan, manifest, by_key, n_samples, verdict)
         else:
             _ask_oracle(records, plan, manifest, by_key, rng, verdict)
     return verdict
@@ -174,8 +176,24 @@ def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) 
     return {split: of_split for split, of_split in found.items() if of_split}
 
 
+def _load(entry: MeshEntry, manifest: Mapping[str, Any]) -> Mesh:
+    """Load a mesh; raise MeshError where it cannot be used, or is not the one that the manifest names."""
+    mesh, source = entry.load(), MeshSource.from_dict(manifest["origins"][entry.key])
+    is_whole = len(mesh.origin.files) == len(source.files)  # without colours fewer files are read
+    if is_whole and mesh.origin.sha256 != source.sha256:
+        raise MeshError(
+            f"{entry.key} must have the SHA-256 {source.sha256[:12]}...; it has {mesh.origin.sha256[:12]}... ."
+        )
+    return mesh
+
+
 def _scan_again(
-    records: Records, plan: Plan, by_key: Mapping[str, MeshEntry], n_samples: int, verdict: Verdict
+    records: Records,
+    plan: Plan,
+    manifest: Mapping[str, Any],
+    by_key: Mapping[str, MeshEntry],
+    n_samples: int,
+    verdict: Verdict,
 ) -> None:
     """Scan the objects of some clouds again, and compare those clouds whole.
 
@@ -187,7 +205,7 @@ def _scan_again(
         try:
             kept = [
                 gather_clouds(each.points, each.mask, each.views, plan.recipe, entry.key, variation)
-                for variation, each in enumerate(samplings(remade, entry.load(), mesh_id, None))
+                for variation, each in enumerate(samplings(remade, _load(entry, manifest), mesh_id, None))
             ]
         except (DatasetError, MeshError, OptionError) as error:
             verdict.faults.append(str(error))
@@ -218,7 +236,7 @@ def _ask_oracle(
     for record in records:
         try:
             with Limits().watch():
-                mesh = by_key[plan.meshes[int(record["mesh_id"])].key].load()
+                mesh = _load(by_key[plan.meshes[int(record["mesh_id"])].key], manifest)
         except MeshError as error:
             verdict.faults.append(str(error))
             continue

@@ -18,7 +18,7 @@ from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.load import default_up, load_mesh
-from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
+from zbuf_occlude.meshes.mesh_files import has_changed
 from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
 from zbuf_occlude.provenance import UNKNOWN, MeshSource
 
@@ -66,15 +66,11 @@ class MeshEntry:
         if self.split not in SPLITS:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
-    def origin_now(self, then: MeshSource) -> MeshSource:
-        """Return the present source of a mesh loaded from `then`; files of the same size and time are not read."""
+    def has_changed(self, source: MeshSource) -> bool:
+        """Return whether the mesh is not what it was when it had this source, as the sizes of its files tell."""
         if self.path is None:
-            return self.origin if self.origin.sha256 else then
-        return origin_now(self.path, then)
-
-    def origin_of_failure(self) -> MeshSource:
-        """Return the file sizes and times of a mesh that cannot be loaded; a change of them may mean that it can be."""
-        return self.origin if self.path is None else origin_unread(self.path)
+            return self.origin.sha256 not in ("", source.sha256)
+        return has_changed(self.path, source)
 
 
 class MeshCollection(Sequence[MeshEntry]):

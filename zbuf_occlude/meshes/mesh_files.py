@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from zbuf_occlude.errors import MeshError, describe
 from zbuf_occlude.limits import memory_allowed
-from zbuf_occlude.provenance import UNKNOWN, FileStat, MeshSource
+from zbuf_occlude.provenance import FileStat, MeshSource
 
 ARCHIVE = ".zip"
 
@@ -27,7 +27,7 @@ class MeshFiles:
             try:
                 stat = _file_stat(path, self.folder)
             except (OSError, ValueError):
-                stat = FileStat(path.name, 0, 0)  # content_of raises with the cause
+                stat = FileStat(path.name, 0)  # content_of raises with the cause
             self._contents[path] = content_of(path)
             self._stats.append(stat)
         return self._contents[path]
@@ -65,32 +65,12 @@ class MeshFiles:
         return MeshSource(digests[0], tuple(self._stats))
 
 
-def origin_now(path: Path, then: MeshSource) -> MeshSource:
-    """Return the present source of a mesh that was loaded from `then`.
-
-    It is `then` itself, without any reading, where no file changed its size or time. The source is unknown where a file
-    cannot be read.
-    """
-    folder = path.parent
-    paths = [path, *(folder / stat.name for stat in then.files[1:])]
+def has_changed(path: Path, source: MeshSource) -> bool:
+    """Return whether a file that a mesh was made of is gone, or has another size."""
     try:
-        if tuple(_file_stat(each, folder) for each in paths) == then.files:
-            return then
-        files = MeshFiles(path)
-        for each in paths:
-            files.read(each)
-    except (OSError, ValueError, MeshError):
-        return UNKNOWN
-    return files.origin
-
-
-def origin_unread(path: Path) -> MeshSource:
-    """Return size and time of a file without reading it; for glTF those of its folder too, which holds the buffers."""
-    paths = [path, *([path.parent] if path.suffix.lower() in (".gltf", ".glb") else [])]
-    try:
-        return MeshSource("", tuple(_file_stat(each, path.parent) for each in paths))
+        return any(_file_stat(path.parent / stat.name, path.parent).size != stat.size for stat in source.files)
     except (OSError, ValueError):
-        return UNKNOWN
+        return True
 
 
 def archive_of(path: Path) -> tuple[Path, str] | None:
@@ -203,7 +183,7 @@ def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
 def _file_stat(path: Path, folder: Path) -> FileStat:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
-    return FileStat(_name_from(path, folder), status.st_size, status.st_mtime_ns)
+    return FileStat(_name_from(path, folder), status.st_size)
 
 
 def _name_from(path: Path, folder: Path) -> str:

@@ -17,7 +17,7 @@ from zbuf_occlude.compare.cases import (
     subjects_of,
 )
 from zbuf_occlude.compare.metrics import Row, format_error, format_milliseconds, seconds_for_all_points
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, partition_files, read_finished
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, SHARDS, partition_files, read_finished
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.load import load_mesh
@@ -260,7 +260,7 @@ def row_of(folder: Path) -> DatasetRow:
     plan, manifest = read_finished(folder)
     own, _ = partition_files(folder, plan)
     beside = (CONTACT_SHEET, GALLERY)
-    files = [folder / name for name in own if not (name in beside or name.startswith(GROUPS) or name.endswith("/"))]
+    files = [folder / name for name in own if not (name in beside or name.startswith(SHARDS) or name.endswith("/"))]
     megabytes = sum(path.stat().st_size for path in files) / 1e6
     n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
     return DatasetRow(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)

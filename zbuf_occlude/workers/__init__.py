@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.limits import GivenUp
 
 Job = Hashable
 
@@ -27,7 +26,7 @@ class Task(Protocol):
         self,
         job: Any,
         gl: Any,
-        lost: Mapping[int, GivenUp] = MappingProxyType({}),
+        lost: Mapping[int, str] = MappingProxyType({}),
         on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
     ) -> Any:
         """Do a job; the result goes to the coordinator.
@@ -36,8 +35,8 @@ class Task(Protocol):
         ----------
         job : hashable
         gl : GlContext or None
-        lost : mapping of mesh index to GivenUp
-            Meshes that timed out, exceeded the memory limit or ended their workers: failures, not tried again.
+        lost : mapping of mesh index to str
+            Meshes that timed out, exceeded the memory limit or ended their workers, with the reasons: failures.
         on_mesh : callable
             To be called with each mesh's index before it is begun, and with None behind the last one: limits are each
             mesh's.

@@ -1,6 +1,6 @@
 """The local engine: processes on this machine, each with its own GL context and its share of the cores.
 
-On Linux Python's fork server forks them: it has loaded what workers need (`workers.preload`), and has no threads and no
+On Linux Python's fork server forks them: it has imported the modules that workers need, and has no threads and no
 OpenGL, which would not survive a fork. Elsewhere workers are spawned.
 """
 
@@ -18,17 +18,15 @@ from typing import Any
 
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.interrupts import held
-from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
+from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
 from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
-ENVIRONMENT = {
-    "OPENBLAS_NUM_THREADS": "1",  # no thread may run where processes are forked
-    "MALLOC_MMAP_THRESHOLD_": str(32 * 2**20),  # arrays up to this go where others have been before:
-    "MALLOC_TRIM_THRESHOLD_": str(256 * 2**20),  # pages that are new to a process take time, on virtual machines most
-}
-"""What the fork server is started with, and the workers' memory is kept by."""
+PRELOAD = ("zbuf_occlude.workers.preload", "numba", "h5py", "zbuf_occlude.dataset.shard", "zbuf_occlude.workers.local")
+"""Modules that the fork server imports before it forks workers."""
 
+THREADS = "OPENBLAS_NUM_THREADS"
+"""Variable of the environment with the number of threads that NumPy starts when it is imported."""
 SERVERS = 3
 """This many fork servers in a row may end before they have started a worker."""
 
@@ -50,21 +48,18 @@ def run_local(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits
 
 
 def start_server() -> None:
-    """Start the fork server, if there is none, and return at once: it loads while the caller does other things."""
-    if _start_method() == "spawn":
-        return
-    forkserver.set_forkserver_preload(["zbuf_occlude.workers.preload"])
-    resource_tracker.ensure_running()  # the server would start it, and it lets interrupts through again
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # no interrupt before `preload` can ignore it
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
+    """Start the fork server where there is none."""
+    forkserver.set_forkserver_preload(list(PRELOAD))
+    resource_tracker.ensure_running()  # the server would start it, and that lets interrupts through again
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what an interrupt means, the coordinator decides
+    threads = os.environ.get(THREADS)
+    os.environ[THREADS] = "1"  # no thread may run where processes are forked
     try:
         forkserver.ensure_running()
     finally:
-        for name, value in before.items():
-            del os.environ[name]
-            if value is not None:
-                os.environ[name] = value
+        os.environ.pop(THREADS)
+        if threads is not None:
+            os.environ[THREADS] = threads
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
@@ -85,7 +80,8 @@ class LocalWorker:
         environment = {"LP_NUM_THREADS": str(n_threads if n_threads > 1 else 0), **os.environ}
         arguments = (theirs, pickled, device_index, n_threads, environment)
         for attempt in range(SERVERS):
-            start_server()  # it may have been killed
+            if _start_method() == "forkserver":
+                start_server()
             self.process: Any = context.Process(target=_run_worker, args=arguments, daemon=True)
             try:
                 with held():  # the process would read half of what it is to be
@@ -99,7 +95,7 @@ class LocalWorker:
                     ) from None
         theirs.close()
 
-    def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: Any, lost: dict[int, str]) -> None:
         """Send a request."""
         with suppress(OSError):  # it has died; `ending` will tell
             self.connection.send((job, lost))

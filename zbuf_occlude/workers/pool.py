@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Literal, NamedTuple, Protocol
 
 from zbuf_occlude.errors import DatasetError, GlError, OccludeError
-from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.workers import Done, Task
 
 _LOG = logging.getLogger(__name__)
@@ -94,7 +94,7 @@ class ExitStatus(NamedTuple):
 class Worker(Protocol):
     """A process somewhere that runs `work`."""
 
-    def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: Any, lost: dict[int, str]) -> None:
         """Have it do a job; meshes in `lost` are failures with their reasons. Never raises: `ending` will tell."""
 
     def listen(self) -> list[Message]:
@@ -188,7 +188,7 @@ class _Pool:
 
     def __init__(self, queue: deque[Any], done: Done, limits: Limits) -> None:
         self.queue, self.done, self.limits = queue, done, limits
-        self.lost: dict[int, GivenUp] = {}
+        self.lost: dict[int, str] = {}
         self.ends: Counter[Any] = Counter()
         """By ("mesh", mesh_id, killed), ("job", job), "start" or "GL", since it last succeeded."""
 
@@ -206,7 +206,7 @@ class _Pool:
             if excess:
                 excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}."
                 seat.worker.kill()
-                self.lost[seat.mesh_id] = GivenUp(excess, self.limits)
+                self.lost[seat.mesh_id] = excess
                 self._put_back(seat, excess)
                 return False
         if seat.n_done >= JOBS_PER_WORKER and seat.job is None:
@@ -251,7 +251,7 @@ class _Pool:
             at = ("mesh", seat.mesh_id, ending.killed)
             self.ends[at] += 1
             if self.ends[at] >= (KILLS if ending.killed else CRASHES):
-                self.lost[seat.mesh_id] = GivenUp(f"{ending.reason} at it, {self.ends[at]} times", self.limits)
+                self.lost[seat.mesh_id] = f"{ending.reason} at it, {self.ends[at]} times"
         elif seat.job is not None:
             self.ends["job", seat.job] += 1
             if self.ends["job", seat.job] >= MOST_ENDS:
@@ -263,5 +263,4 @@ class _Pool:
     def _put_back(self, seat: _WorkerSlot, reason: str) -> None:
         if seat.job is not None:
             self.queue.appendleft(seat.job)
-            name = " ".join(map(str, seat.job)) if isinstance(seat.job, tuple) else seat.job
-            _LOG.warning("%s is done again: %s", name, reason)
+            _LOG.warning("job %s is done again: %s", seat.job, reason)

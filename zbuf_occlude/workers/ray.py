@@ -10,7 +10,7 @@ from typing import Any
 
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.extras import importing
-from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
+from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
 from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
@@ -99,7 +99,7 @@ class _Actor:
         self.thread = threading.Thread(target=work, args=arguments, daemon=True)
         self.thread.start()
 
-    def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: Any, lost: dict[int, str]) -> None:
         self.connection.send((job, lost))
 
     def listen(self) -> tuple[list[Message], float]:
@@ -137,7 +137,7 @@ class RayWorker:
         self.heard: float | None = None  # when it last answered; None until it has started
         self.future = actor.listen.remote()
 
-    def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: Any, lost: dict[int, str]) -> None:
         """Send a request."""
         self.actor.assign.remote(job, lost)
 

@@ -1,16 +1,16 @@
 """A dataset in other files: layouts of others, that published loaders read, and conversion to another format.
 
-A layout is exported from a finished dataset by one function. `generate --format pcn` makes a dataset in a folder of its
-own, exports it, and removes it. An export is for its loaders: `verify` compares its checksums, but it is not read back.
-For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view, pose, face ids, ...), a row per cloud
-in the layout's order.
+A layout is exported from the clouds of a dataset by one function. `generate --format pcn` makes the files of its shards
+in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums, but it is
+not read back. For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view, pose, face ids, ...), a
+row per cloud in the layout's order.
 """
 
 import math
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -20,13 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.batch import check_origins
 from zbuf_occlude.dataset.counts import Blank
 from zbuf_occlude.dataset.folder import (
     CONTACT_SHEET,
     EXPORT_NAMES,
     MANIFEST,
-    STORED,
     WORK,
     checksums,
     claim_folder,
@@ -42,13 +40,13 @@ from zbuf_occlude.dataset.folder import (
     unfinish,
     write_names,
 )
-from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.gallery import write_contact_sheet
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import Records, record_type
 from zbuf_occlude.dataset.source import CloudReader, open_dataset
 from zbuf_occlude.errors import DatasetError, OptionError
-from zbuf_occlude.meshes.collection import SPLITS
+from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import SUFFIXES
 from zbuf_occlude.provenance import MeshSource
 
@@ -67,20 +65,18 @@ class Exported(NamedTuple):
     left_out: Mapping[int, str] = MappingProxyType({})
 
 
-def stored_plan(plan: Plan) -> Plan:
-    """Return the plan of the dataset that a layout's is exported from."""
-    return replace(plan, format=find_format(plan.format).exported_from)
+def check_sources(entries: Iterable[MeshEntry], manifest: Mapping[str, Any], out: Path) -> None:
+    """Raise DatasetError where a mesh has another size than when the data in a folder were made of it."""
+    for entry in entries:
+        source = manifest["origins"].get(entry.key)
+        if source is not None and entry.has_changed(MeshSource.from_dict(source)):
+            raise DatasetError(
+                f"{entry.key} has changed since the data in {out} were made of it, sha256 {source['sha256'][:12]}.... "
+                "Put it back, choose another folder, or make all clouds again with --overwrite."
+            )
 
 
-def export_here(plan: Plan, out: Path, manifest: dict[str, Any]) -> dict[str, Any]:
-    """Export the dataset in ``out/stored``, which has this manifest, and remove it; return the export's manifest."""
-    stored, _ = read_finished(out / STORED)
-    files = {split: manifest["files"][split] for split in SPLITS if split in manifest["files"]}
-    source = find_format(stored.format).load().read(out / STORED, replace(stored, meshes=plan.meshes), files)
-    return _export(plan, source, out, manifest)
-
-
-def _export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -> dict[str, Any]:
+def export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -> dict[str, Any]:
     """Export clouds into a folder that is this plan's: files appear when all are written, then the manifest.
 
     `about` is the manifest of the dataset that the clouds are from.
@@ -95,8 +91,7 @@ def _export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -
             "Choose other --views, or --points."
         )
     if find_format(plan.format).from_meshes:
-        origins = {key: MeshSource.from_dict(document) for key, document in about["origins"].items()}
-        check_origins(plan.meshes, origins, out)
+        check_sources(plan.meshes, about, out)
     write_names(plan, folder)
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     sha256, before = checksums(folder, names), set(recorded(out))
@@ -109,8 +104,7 @@ def _export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -
     shutil.rmtree(folder)
     files = {split: of_split for split, of_split in exported.files.items() if exported.n_clouds[split]}
     by_split = {split: exported.n_clouds[split] for split in files}
-    counts = {**about["counts"], **exported.counts, "clouds_by_split": by_split}
-    blank = about.get("blank_views", {})  # manifests of older versions do not have it
+    counts, blank = {**about["counts"], **exported.counts, "clouds_by_split": by_split}, about["blank_views"]
     left_out = {plan.meshes[mesh_id].key: why for mesh_id, why in exported.left_out.items()}
     left_out |= {key: Blank(**blank[key]).said for key, why in left_out.items() if why == UNSEEN and key in blank}
     unknown = [entry.key for entry in plan.meshes if entry.label not in plan.classes]
@@ -120,12 +114,12 @@ def _export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) -
         "classes": plan.classes,
         **frame_in_words(plan),
         "counts": counts,
-        "left_out": {**about.get("left_out", {}), **left_out},
+        "left_out": {**about["left_out"], **left_out},
     }
-    return _finish(plan, source, out, about, files, sha256)
+    return finish_folder(plan, source, out, about, files, sha256)
 
 
-def _finish(
+def finish_folder(
     plan: Plan,
     source: CloudReader,
     out: Path,
@@ -133,13 +127,13 @@ def _finish(
     files: dict[str, list[str]],
     sha256: dict[str, str],
 ) -> dict[str, Any]:
-    """Write the picture and the manifest of a dataset whose clouds are another's; return the manifest."""
+    """Write the picture and the manifest of a dataset whose clouds are written; return the manifest."""
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = {
         **about,
         "fingerprint": plan.fingerprint,
         "format": plan.format,
-        "options": plan.document["recipe"],
+        "options": plan.recipe.to_dict(),
         "files": files,
         "sha256": sha256,
         "bytes": sizes(out, sha256),
@@ -222,7 +216,8 @@ def convert(
     old, manifest = read_finished(folder)
     plan = _converted(old, format)
     about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
-    source = open_dataset(folder, plan.recipe if old.format == PACKED else None)  # the draw follows the new format
+    redrawn = plan.recipe if find_format(old.format).whole_objects else None  # the draw follows the new format
+    source = open_dataset(folder, redrawn)
     contains_plan(plan, out)
     with locked(out):
         claim_folder(plan, out)
@@ -245,26 +240,27 @@ def _convert(
         unfinish(out)
         remove_files(out, lost)
     if row.exported_from:
-        document = _export(plan, source, out, about)
+        document = export(plan, source, out, about)
         progress(sum(source.n_clouds.values()))
         return document
-    module, names = row.load(), {split: list[str]() for split in source.order}
+    module, names, known = row.load(), {split: list[str]() for split in source.order}, dict[str, str]()
     for split in source.order:
         for number, numbers in source.files(split):
-            names[split].append(module.file_name(split, number))
-            if not (out / names[split][-1]).exists():
-                module.write(out / names[split][-1], source.take(numbers), plan, number)
+            name = module.file_name(split, number)
+            names[split].append(name)
+            if not (out / name).exists():
+                known[name] = module.write(out / name, source.take(numbers), plan, number).sha256
             progress(len(numbers))
     write_names(plan, out)
     getattr(module, "finish", lambda *arguments: None)(out, plan, names)
-    sha256 = checksums(out, (name for of_split in names.values() for name in of_split))
-    return _finish(plan, source, out, about, names, sha256)
+    sha256 = checksums(out, (name for of_split in names.values() for name in of_split), known)
+    return finish_folder(plan, source, out, about, names, sha256)
 
 
 def _converted(old: Plan, format: str) -> Plan:
     """Return the plan of a dataset's clouds in another format, once that can hold them."""
-    row, is_packed = find_format(format), old.format == PACKED
-    if format == PACKED:
+    row, is_packed = find_format(format), find_format(old.format).whole_objects
+    if row.whole_objects:
         raise DatasetError(
             f"a {format} dataset must be made of all points of its objects; {old.format} keeps those of each cloud. "
             f"Make it with `zbuf-occlude generate --format {format}`."

@@ -3,16 +3,16 @@
 A format's module, in this folder, has
 
     file_name(split, number) -> str                 name of a file
-    write(path, records, plan, number)              writes the clouds of a file, whole or not at all
-    read(out, plan, files) -> Source                reads clouds back, when and as far as they are asked for
+    write(path, records, plan, number) -> FileDigest  writes the clouds of a file, whole or not at all
+    read(out, plan, files) -> CloudReader           reads clouds back, when and as far as they are asked for
     finish(out, plan, names)                        optional: writes lists of files
+
+The module of `packed`, which keeps whole objects, has `archive_name` and `Shard` instead of `file_name` and `write`.
 
 A layout's module, in `zbuf_occlude.dataset.export`, has
 
-    export(source, out) -> Exported                 writes all files, from the clouds of a finished dataset
+    export(source, out) -> Exported                 writes all files, from the clouds of a dataset
     check(plan)                                     optional: raises if loaders could not read what the plan gives
-
-`packed` has an archive for each batch instead (`dataset/packed.py`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,12 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.plan import BOXES, CLASSES_OF, DatasetConfig, Plan
+from zbuf_occlude.dataset.plan import ATTRIBUTES, BOXES, CLASSES_OF, DatasetConfig, Plan
 from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import span_of
-
-PACKED = "packed"
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,9 @@ class Format:
 
     name: str  # also of its module, unless `module` says another
     summary: str
-    exported_from: str = ""  # format of the dataset that a layout is made from; `packed` where it needs whole objects
+    exported_from: str = ""  # format of the clouds that a layout is made from; `packed` where it needs whole objects
+    whole_objects: bool = False  # keeps all points of the objects, rounded, and not only those drawn for each cloud
+    attributes: tuple[str, ...] = ATTRIBUTES  # those that its clouds may have
     complete: bool = False  # holds clouds of whole surfaces alone
     from_meshes: bool = False  # its export reads the meshes again, so that nothing is converted to it
     ragged: bool = False  # its clouds may be of unequal size (`--sample-size all`)
@@ -53,9 +53,14 @@ class Format:
         return CLASSES_OF.get(self.name, ())
 
     @property
+    def storage(self) -> "Format":
+        """The format of the files that workers write."""
+        return find_format(self.exported_from) if self.exported_from else self
+
+    @property
     def keeps_points(self) -> bool:
-        """Whether all points of the objects are kept for it, rounded, and not only those drawn for each cloud."""
-        return PACKED in (self.name, self.exported_from)
+        """True where all points of the objects are kept for it."""
+        return self.storage.whole_objects
 
     def load(self) -> Any:
         """Import the format's module; return what has its functions."""
@@ -65,12 +70,10 @@ class Format:
         return getattr(module, name) if name else module
 
     def names(self, plan: Plan) -> Iterator[str]:
-        """Yield the names of all files that a plan may have; of layouts none, which list theirs when they are made."""
-        if self.exported_from:
-            return
-        module = self.load()
-        if self.name == PACKED:
-            yield from map(module.archive_name, range(len(plan.batches)))
+        """Yield the names of all files that shards of a plan may have."""
+        module = self.storage.load()
+        if self.keeps_points:
+            yield from map(module.archive_name, range(len(plan.shards)))
         else:
             yield from (module.file_name(file.split, file.number) for file in plan.files)
 
@@ -110,8 +113,10 @@ class Format:
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
                 f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
             )
-        if BOXES in plan.recipe.attributes and self.name not in ("hdf5", "kitti"):
-            raise OptionError(f"{BOXES} must go with --format hdf5 or kitti; got {self.name}. Leave them out.")
+        for name in plan.recipe.attributes:
+            if name not in self.attributes:
+                formats = " or ".join(row.name for row in FORMATS if name in row.attributes)
+                raise OptionError(f"{name} must go with --format {formats}; got {self.name}. Leave them out.")
         if outside := self._outside(plan.meshes):
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
@@ -129,6 +134,7 @@ class Format:
 
 
 Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")
+_WITH_BOXES = (*ATTRIBUTES, BOXES)
 _WHOLE_SCANS = {"keep": "all", "sample_size": "all", "scale": "mesh"}
 _OF_PIXELS = {**_WHOLE_SCANS, "attributes": "normals"}
 
@@ -137,14 +143,20 @@ def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Form
     """Return the row of a layout of partial and complete clouds, in `export/completion.py`."""
     options = {"views": views, "scale": "object", **values.pop("options", {})}
     module = "export.completion:" + name.replace("-", "_").upper()
-    return Format(name, summary, **{"exported_from": PACKED, "axes": Y_UP, **values}, options=options, module=module)
+    return Format(name, summary, **{"exported_from": "packed", "axes": Y_UP, **values}, options=options, module=module)
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file", ragged=True),
     Format(
-        PACKED,
+        "hdf5",
+        "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file",
+        ragged=True,
+        attributes=_WITH_BOXES,
+    ),
+    Format(
+        "packed",
         "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",
+        whole_objects=True,
         ragged=True,
         module="packed",
     ),
@@ -172,6 +184,7 @@ FORMATS: tuple[Format, ...] = (
         "kitti",
         "LiDAR frames with labelled boxes: velodyne, label_2, calib, image_2, ImageSets",
         "hdf5",
+        attributes=_WITH_BOXES,
         ragged=True,
         options={
             **_WHOLE_SCANS,
@@ -245,7 +258,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "pairs",
         "pairs of views for registration, as MVP's benchmark has them",
-        PACKED,
+        "packed",
         axes=Y_UP,
         options={"views": "fibonacci:26", "scale": "object", "overlap": "0.3..0.7"},
         module="export.registration",

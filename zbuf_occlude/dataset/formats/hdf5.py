@@ -1,4 +1,4 @@
-"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds per file, listed in train_files.txt.
+"""The PointNet layout: ply_data_train0.h5 and so on, up to 2,048 clouds per file, listed in train_files.txt.
 
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.atomic import FileDigest
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import IDS, OFFSETS, Records, read_rows, to_arrays
@@ -46,7 +47,7 @@ def finish(out: Path, plan: Plan, names: dict[str, list[str]]) -> None:
         atomic.write_lines(out / list_of(split), names_of_split)
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
     """Write one file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
 
     def fill(file: IO[bytes]) -> None:
@@ -62,7 +63,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
                 if name in UNITS:
                     dataset.attrs["meaning"] = UNITS[name]
 
-    atomic.write(path, fill)
+    return atomic.write_data(path, fill)
 
 
 @contextmanager

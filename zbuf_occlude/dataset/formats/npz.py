@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.atomic import FileDigest
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Records, read_archive, to_arrays
 from zbuf_occlude.dataset.source import CloudReader, kept, source_of_files
@@ -18,10 +19,10 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.npz"
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
     """Write one archive."""
     fields = to_arrays(records, plan.recipe)
-    atomic.write(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
+    return atomic.write_data(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:

@@ -1,4 +1,4 @@
-"""Tar shards for streaming, as WebDataset reads them: train-000000.tar and so on, 2,048 clouds per shard.
+"""Tar files for streaming, as WebDataset reads them: train-000000.tar and so on, up to 2,048 clouds each.
 
 A cloud NUMBER consists of
 
@@ -21,7 +21,8 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.dataset.atomic import FileDigest
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, DatasetConfig, Plan
 from zbuf_occlude.dataset.records import Records, point_fields, record_type
 from zbuf_occlude.dataset.source import CloudReader, kept, source_of_files
 
@@ -34,23 +35,23 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.tar"
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
-    """Write one shard, whose first cloud has the number `number` times the clouds of a full file."""
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
+    """Write one tar file, whose first cloud has the number `number` times `CLOUDS_PER_FILE`."""
 
     def fill(file: IO[bytes]) -> None:
         with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
-            for cloud, record in enumerate(records, number * plan.clouds_per_file):
+            for cloud, record in enumerate(records, number * CLOUDS_PER_FILE):
                 for ending, content in _members(record, plan):
                     info = tarfile.TarInfo(f"{cloud:09d}.{ending}")  # its times and owners are all zero
                     info.size = len(content)
                     tar.addfile(info, io.BytesIO(content))
 
-    atomic.write(path, fill)
+    return atomic.write_data(path, fill)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
-    """Return the clouds of these shards; the last shard used is kept in memory."""
-    return source_of_files(plan, out, files, _count, kept(lambda path: _read_shard(path, plan.recipe)))
+    """Return the clouds of these files; the last file used is kept in memory."""
+    return source_of_files(plan, out, files, _count, kept(lambda path: _read_tar(path, plan.recipe)))
 
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
@@ -73,7 +74,7 @@ def _count(path: Path) -> int:
         return sum(member.name.endswith(".json") for member in tar)
 
 
-def _read_shard(path: Path, recipe: DatasetConfig) -> Records:
+def _read_tar(path: Path, recipe: DatasetConfig) -> Records:
     records: list[Records] = []
     keys: dict[str, int] = {}
     with tarfile.open(path) as tar:

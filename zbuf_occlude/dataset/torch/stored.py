@@ -17,7 +17,7 @@ import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from zbuf_occlude.dataset.folder import read_plan
-from zbuf_occlude.dataset.formats import PACKED
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import pad_or_truncate
 from zbuf_occlude.dataset.source import CloudReader, open_dataset
@@ -253,7 +253,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     def source(self) -> CloudReader:
         """The dataset, whose partial clouds have `n_partial` points."""
         plan = read_plan(self.folder)
-        if plan.format != PACKED:
+        if not find_format(plan.format).whole_objects:
             raise DatasetError(
                 f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
                 "Make it with `zbuf-occlude generate --format packed`."
