@@ -19,11 +19,11 @@ COMMANDS = {
     "compare": "Measure methods against the exact reference and each other: rows, report.",
     "compare-scans": "Measure how real a sensor's scans are, by real scans of a mesh: report, pictures.",
     "report": "Write the report of a comparison again from its rows.",
-    "status": "Say how far a dataset is.",
+    "status": "Show progress of a dataset.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
-    "merge": "Write the final files of a dataset whose shards were made by several machines.",
+    "merge": "Finish a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
-    "show": "Draw a dataset: a gallery to turn by hand, a contact sheet.",
+    "show": "Draw a dataset: an interactive gallery, a contact sheet.",
     "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",
     "evaluate": "Test a trained classifier: accuracy, confusion matrix, figures of each class.",
     "paper": "Repeat the paper: its tables, its figures, its experiments with classifiers.",
@@ -61,7 +61,7 @@ class LazyGroup(CommandGroup):
         return command
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command, once the shell lets it run at all."""
+        """Run a command after environment checks."""
         check_surroundings()
         on_compiled(COMPILING.one_more)
         try:

@@ -42,7 +42,7 @@ BYTES_PER_FACE = 1000
 ROUNDS = 8
 """So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
 TRIED_POINTS, TRIED_EYES = 256, 16
-"""By so many it is told how many points of a mesh are to be sampled for three eyes of four to see enough."""
+"""Number of eyes by which the sample count is estimated, so that three of four eyes see enough points."""
 
 
 class OnTheFlyOcclusion:
