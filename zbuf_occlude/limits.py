@@ -1,4 +1,4 @@
-"""Limits: what one mesh may take, in time and memory, before its worker is killed."""
+"""Limits of the time and memory of one mesh, beyond which its worker is killed."""
 
 import os
 import signal
@@ -14,12 +14,12 @@ from typing import Any
 from zbuf_occlude.errors import MeshError, OptionError
 
 LOOK = 0.5
-"""Seconds between two looks at time and memory."""
+"""Seconds between two checks of time and memory."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one mesh may take; one that exceeds it is a failure.
+    """Limits of one mesh; a mesh that exceeds them is a failure.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Limits:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
     def exceeded(self, seconds: float, gigabytes: float) -> str:
-        """Return which limit a mesh exceeds that has taken this much; "" for none."""
+        """Return the limit that a mesh exceeds which has taken this much; "" for none."""
         if seconds > self.seconds:
             return f"mesh timed out after {self.seconds:g} s"
         if gigabytes > self.gigabytes:
@@ -47,7 +47,7 @@ class Limits:
 
     @contextmanager
     def watch(self) -> Iterator[None]:
-        """Hold what is done with a mesh in this process, within the block, to these limits.
+        """Apply these limits to the work on a mesh in this process, within the block.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class Limits:
 
 
 def address_space() -> int | None:
-    """Return how many bytes this process may address (``ulimit -v``); None where nothing limits it."""
+    """Return the number of bytes that this process may address (``ulimit -v``); None for no limit."""
     try:
         resource = import_module("resource")
     except ImportError:  # only Unix has it
@@ -90,14 +90,14 @@ def address_space() -> int | None:
 
 
 def memory_allowed() -> str:
-    """Return how much memory there is for this process, and what limits it."""
+    """Return the memory available to this process, and its limit, in words."""
     if (allowed := address_space()) is not None:
         return f"the {allowed / 1e9:.1f} GB that this process may address (ulimit -v)"
     return "this machine's memory"
 
 
 def resident_gigabytes(pid: int) -> float:
-    """Read the resident memory of a process off /proc; 0 when it has just ended."""
+    """Read the resident memory of a process from /proc; 0 when it has just ended."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1])
     except (OSError, IndexError):

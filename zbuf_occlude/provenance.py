@@ -1,6 +1,6 @@
-"""Provenance: what a mesh was made of, what data depend on (versions, cores), and the seeds of all random draws.
+"""Provenance: the sources of meshes, the versions and cores that data depend on, and the seeds of all random draws.
 
-A seed is from a mesh's key and what is drawn, never from a worker, a machine or an order.
+A seed depends on a mesh's key and on the draw, never on a worker, a machine or an order.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ PACKAGES = (
     "open3d",
     "warp-lang",
 )
-"""Whose versions are in every manifest and row of a comparison."""
+"""Packages whose versions are in every manifest and row of a comparison."""
 
 
 class FileStat(NamedTuple):
@@ -40,7 +40,7 @@ class FileStat(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MeshSource:
-    """What a mesh was made of.
+    """The source of a mesh.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class MeshSource:
         return cls(document["sha256"], tuple(FileStat(*each) for each in document["files"]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return the source as plain data."""
         return {"sha256": self.sha256, "files": [list(stamp) for stamp in self.files]}
 
 
@@ -74,7 +74,7 @@ UNKNOWN = MeshSource()
 
 @cache
 def versions() -> dict[str, str]:
-    """Return them by name; of packages that are not installed none."""
+    """Return the versions of Python and of the installed packages, by name."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -85,7 +85,7 @@ def versions() -> dict[str, str]:
 
 
 def n_cores() -> int:
-    """Return how many cores this process may use; where the system does not say, how many there are."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -106,7 +106,7 @@ def generator(seed: Any) -> np.random.Generator:
 
 
 def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:
-    """Return the seed of a mesh's draws.
+    """Return the seed of a draw.
 
     `path` tells the draws of a mesh apart: (variation,) for its points, (variation, view) for a cloud's subset.
     """

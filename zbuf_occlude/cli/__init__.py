@@ -21,7 +21,7 @@ COMMANDS = {
     "report": "Write the report of a comparison again from its rows.",
     "status": "Show the progress of a dataset.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
-    "merge": "Write the final files of a dataset whose shards were made by several machines.",
+    "merge": "Finish a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
     "show": "Draw a dataset: an interactive gallery, a contact sheet.",
     "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",

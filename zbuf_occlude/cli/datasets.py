@@ -38,7 +38,7 @@ from zbuf_occlude.workers import Run
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def status_command(folder: Path, as_json: bool) -> None:
-    """Say how far the dataset in DIR is: shards done, clouds, failures, time left at the speed so far.
+    """Show the progress of the dataset in DIR: shards done, clouds, failures, time left at the speed so far.
 
     The complete clouds of a preset are reported too.
     """

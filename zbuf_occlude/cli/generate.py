@@ -52,14 +52,14 @@ LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 
 
 def use_preset(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
-    """Make a preset's options the defaults of all others, which are looked at later."""
+    """Make a preset's options the defaults of all others, which are parsed later."""
     if name is not None:
         context.default_map = {**(context.default_map or {}), **find_preset(name).options}
     return name
 
 
 def use_format(context: click.Context, parameter: click.Parameter, name: str) -> str:
-    """Make what a format's loaders expect the defaults of all other options, under those of a preset."""
+    """Make the defaults of a format those of all other options; a preset has precedence."""
     context.default_map = {**find_format(name).options, **(context.default_map or {})}
     return name
 
@@ -109,8 +109,10 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     callback=use_format,
     help="Files of the dataset.",
 )
-@click.option("--overlap", metavar="A..B", help="Of --format pairs: share of a view that the other sees too.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
+@click.option(
+    "--overlap", metavar="A..B", help="Range of the share of a view that the other sees too; for --format pairs."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
     "--scale",

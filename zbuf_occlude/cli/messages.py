@@ -1,4 +1,4 @@
-"""What `generate` says: what it understood of the meshes, what a plan would take, what was made."""
+"""Texts of `generate`: the meshes that it found, the cost of a plan, and the dataset that it made."""
 
 import errno
 import math
@@ -25,7 +25,7 @@ BAD = 0.05
 
 
 def format_error_rates(error: dict[str, Any], complete: bool) -> str:
-    """Say how wrong a dataset is; `complete`: of clouds of which nothing is hidden."""
+    """Return the measured error in words; `complete` where the clouds hold hidden points too."""
     if not error["n_checked"]:
         if complete:
             return "complete clouds: nothing was removed, so nothing was measured"
@@ -46,7 +46,7 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
 
 
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
-    """Warn of colours and windows that were asked for and are not there, and of cameras inside their objects."""
+    """Yield warnings: colours and windows that meshes lack, few distinct points, cameras inside their objects."""
     counts = document["counts"]
     if n := counts.get("meshes_without_colors"):
         yield (
@@ -74,13 +74,13 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
 
 
 def named(what: str, reasons: Mapping[str, str]) -> list[str]:
-    """Name the meshes of which there are no clouds, and why, a line each under a heading."""
+    """Return a heading, and a line for each mesh without clouds: its key and the reason."""
     lines = [f"  {key}: {reason}" for key, reason in reasons.items()]
     return [f"{counted(len(reasons), 'mesh', 'meshes')} {what}:", *lines] if reasons else []
 
 
 def cut_off(cut: Mapping[str, Any] | None, scanning: Mapping[str, Any] | None) -> Iterator[str]:
-    """Warn of objects that reach beyond what their sensor measures; say from which range on they do not."""
+    """Yield warnings of objects beyond the range of their sensor, with the range that suffices."""
     if not cut or not scanning:
         return
     sensor, given = scanning["sensor"]["name"], scanning["sensor"]["noise_model"]
@@ -100,12 +100,12 @@ def cut_off(cut: Mapping[str, Any] | None, scanning: Mapping[str, Any] | None) -
 
 
 def picture(path: Path) -> str:
-    """Say where a contact sheet is, or what it would take."""
+    """Return the path of a contact sheet, or the package that it needs."""
     return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
 
 
 def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str:
-    """Say what was made, how wrong it is, in what frame files were read, and where it is."""
+    """Return the summary of a dataset: clouds, measured error, frame of the mesh files, paths."""
     counts, error, files = document["counts"], document["error"], document["files"]
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     names = sorted({name for split in SPLITS for name in files.get(split, [])})
@@ -135,7 +135,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
 
 
 MOST_ROWS = 60
-"""Of a collection of more classes the largest of them are shown."""
+"""Maximum number of classes shown; of more, the largest."""
 
 
 def overview(
@@ -146,7 +146,7 @@ def overview(
     limited: bool = False,
     read_as: str = "",
 ) -> str:
-    """Return remarks, in what frame files are read, the table of classes and splits, and warnings."""
+    """Return remarks, the frame of the mesh files, the table of classes and splits, and warnings."""
     counts = Counter((entry.label, entry.split) for entry in meshes)
     remarks = [*meshes.remarks, *([f"files read as {read_as}"] if read_as else [])]
     return "\n".join([*remarks, *_table(counts), *_warnings(meshes, counts, format, preset, limited)])
@@ -207,14 +207,14 @@ TIMES = ((86400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds
 
 
 def human(amount: float, units: Sequence[tuple[float, str]]) -> str:
-    """Return an amount in the largest unit that it is one of, of two digits: ``340 kB``, ``2.1 hours``."""
+    """Return an amount in the largest unit that is not larger than it, with two digits: ``340 kB``, ``2.1 hours``."""
     size, unit = next((row for row in units if amount >= row[0]), units[-1])
     number = amount / size
     return f"{number:.2g} {unit}" if number < 99.5 else f"{number:.0f} {unit}"
 
 
 def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
-    """Check that a plan's dataset could be made in a folder: DatasetError or PermissionError where it could not."""
+    """Raise DatasetError or PermissionError where a plan's dataset could not be made in a folder."""
     if overwrite:
         removable(out)
     elif contains_plan(plan, out) and (out / MANIFEST).exists():
@@ -224,7 +224,7 @@ def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
 
 
 def format_plan(plan: Plan, out: Path) -> str:
-    """Say what a plan would make."""
+    """Return a summary of a plan."""
     recipe = plan.recipe
     free = shutil.disk_usage(nearest(out)).free
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
@@ -243,7 +243,7 @@ def format_plan(plan: Plan, out: Path) -> str:
 
 
 def costs(plan: Plan) -> str:
-    """Say what a plan would take, as measured on a few of its meshes; those are made, and do not stay."""
+    """Return the cost of a plan, measured on a few of its meshes; their clouds are not kept."""
     found = estimate(plan)
     seconds, more = found.processor_seconds, found.uncertainty
     failed = f", of which {found.n_failed} failed" if found.n_failed else ""

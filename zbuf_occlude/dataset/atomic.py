@@ -1,4 +1,4 @@
-"""Files that are whole or not there (temporary name, sync, rename), and errors of damaged ones that name the file."""
+"""Atomic writing of files (temporary name, sync, rename), and errors that name a damaged file."""
 
 import errno
 import hashlib
@@ -35,9 +35,9 @@ class FileDigest(NamedTuple):
 def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
     """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk.
 
-    Where it is not to be `synced`, it appears when all of it is written; a loss of power may take its last seconds. For
-    files of unfinished work that have checksums: nothing waits for the disk. `exclusive`: a file that is there already
-    stays, and is a FileExistsError. What cannot be written is an OSError.
+    Without `synced` it appears when all of it is written: nothing waits for the disk, and a power loss may take the
+    file. With `exclusive` a file that is there already stays, and FileExistsError is raised. A failed write is an
+    OSError.
     """
     # random, not the process's number: machines and containers that share a folder have the same numbers
     temporary = path.with_name(f".zbuf-{secrets.token_hex(8)}.part")
@@ -87,7 +87,7 @@ def _link(temporary: Path, path: Path) -> None:
 
 
 def leftovers(folders: Iterable[Path]) -> list[Path]:
-    """Return the temporary files that killed processes have left in some folders, not below them."""
+    """Return the temporary files that killed processes have left in some folders, without their subfolders."""
     found = []
     for folder in folders:
         with suppress(OSError):  # it is not there
@@ -96,7 +96,7 @@ def leftovers(folders: Iterable[Path]) -> list[Path]:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a file's name is one of those that files are written under."""
+    """Return whether a file's name is a temporary one, or that of the lock."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
@@ -135,12 +135,12 @@ DAMAGES = (
     struct.error,
     zlib.error,
 )
-"""What h5py, NumPy, tarfile, zipfile and json raise, and what is done with their values, of bytes changed by chance."""
+"""Errors that h5py, NumPy, tarfile, zipfile, json and the use of their values raise where bytes are damaged."""
 
 
 @contextmanager
 def reading(path: Path, remedy: str = REMEDY) -> Iterator[None]:
-    """Turn whatever the reader of a damaged file or folder raises into a DatasetError that names it and the remedy."""
+    """Turn the errors of reading a damaged file or folder into a DatasetError that names it and the remedy."""
     try:
         yield
     except DatasetError:  # it was said already

@@ -1,4 +1,4 @@
-"""Which method, where a person named none: `depth_buffer` if OpenGL opens; for `auto` the fastest as measured."""
+"""Choice of the method where none is named: `depth_buffer` if OpenGL opens; for `auto` the fastest as measured."""
 
 import os
 import time
@@ -19,7 +19,7 @@ from zbuf_occlude.visibility import find_method, prepare
 AUTO = "auto"
 
 LOOKED_AT = 8
-"""Of a collection this many meshes are loaded to see how large they are."""
+"""Number of meshes of a collection that are loaded to estimate the size of all."""
 
 LARGE = 1 << 24
 """Bytes. A larger file is not loaded only to be looked at."""
@@ -49,7 +49,7 @@ def by_default() -> Choice:
 
 
 def remark_on_renderer(method: str) -> str:
-    """Say that a method would render in software beside an NVIDIA GPU; "" where it would not."""
+    """Return a remark on a method that would render in software beside an NVIDIA GPU; else ""."""
     from zbuf_occlude.gl.context import GlContext  # late, as above
     from zbuf_occlude.gl.devices import NVIDIA, explain_software_fallback
 

@@ -1,4 +1,4 @@
-"""Counts: what is counted while clouds are made, added up from mesh to dataset, and what that says of the whole."""
+"""Counts of what was made and checked, added up from mesh to dataset; the measured error and its interval."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 BAD_VIEW = 0.01
-"""A view of whose checked points a larger share is wrong counts as a bad one."""
+"""Share of wrong answers among a view's checked points above which the view counts as bad."""
 CONFIDENCE = 0.95
 FEW = 16
-"""A cloud of fewer distinct points shows hardly anything of its object."""
+"""Number of distinct points below which a cloud shows hardly anything of its object."""
 
 
 class Blank(NamedTuple):
@@ -23,7 +23,7 @@ class Blank(NamedTuple):
 
     @property
     def said(self) -> str:
-        """Which view, and why, in words."""
+        """The first view and the reason, in words."""
         of = f" of variation {self.variation}" if self.variation else ""
         return f"view {self.view}{of}: {self.reason}"
 
@@ -39,7 +39,7 @@ class WorstView(NamedTuple):
 
 @dataclass(frozen=True)
 class QualityCounts:
-    """What was made and what was checked."""
+    """Counts of what was made and what was checked."""
 
     n_clouds: int = 0
     n_blind_views: int = 0  # views that see nothing, and give no cloud
@@ -78,7 +78,7 @@ class QualityCounts:
         return QualityCounts(**added)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return the counts as plain data."""
         return asdict(self)
 
     @classmethod
@@ -94,7 +94,7 @@ class QualityCounts:
 
     @property
     def error(self) -> dict[str, Any]:
-        """How wrong the checked answers are; None where nothing was checked. ``interval`` is of all answers' share."""
+        """The measured error; None where nothing was checked. ``interval`` bounds the share of all wrong answers."""
         n, n_views = self.n_checked, self.n_views_checked
         return {
             "false_visible": self.false_visible / n if n else None,
@@ -108,7 +108,7 @@ class QualityCounts:
 
     @property
     def cut(self) -> dict[str, Any] | None:
-        """What the sensor's limits of range took from the objects; None where nothing was scanned."""
+        """Shares of the objects' returns beyond the sensor's limits of range; None where nothing was scanned."""
         if not self.n_returns:
             return None
         shares = {name: getattr(self, f"n_{name}") / self.n_returns for name in ("too_near", "too_far")}

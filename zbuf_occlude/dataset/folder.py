@@ -1,6 +1,6 @@
-"""A dataset's folder: what its files are called, its plan and manifest read back, and whose it is.
+"""The folder of a dataset: the names of its files, its plan and manifest, its lock, and its removal.
 
-Only what a dataset's own plan, records and manifest name is ever removed; any other file stops a removal.
+Only files that the dataset's own plan and manifest name are removed. Any other file stops a removal.
 """
 
 import hashlib
@@ -35,10 +35,10 @@ ORIGINAL = "original"
 """Folder of the dataset of complete clouds that some presets make too."""
 
 PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
-"""Without its plan nothing says which files of a folder are the dataset's, so nothing is deleted."""
+"""Remedy of a damaged plan. Only the plan says which files are the dataset's, so nothing is deleted."""
 
 Kinds = Mapping[str, Any]
-"""What a JSON object must have: for each name a type or types, or, for an object in it, its own `Kinds`."""
+"""Schema of a JSON object: for each name a type or types, or the `Kinds` of an object in it."""
 
 _SHARE = (int, float, type(None))  # None: nothing was checked
 _OF_MANIFEST: Kinds = {
@@ -60,7 +60,7 @@ _OF_MANIFEST: Kinds = {
     "seed": int,
     "sha256": dict,
 }  # fmt: skip
-"""What the commands read of a manifest."""
+"""Fields of a manifest that the commands read."""
 
 
 def datasets_in(out: Path) -> list[Path]:
@@ -101,7 +101,7 @@ def read_manifest(out: Path) -> dict[str, Any] | None:
 
 
 def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
-    """Read a JSON object that has what it must have; raise what `atomic.reading` turns into a message if not."""
+    """Read a JSON object and check it against its schema; errors are those that `atomic.reading` expects."""
     document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     _check_kinds(document, kinds, "it")
     return document
@@ -155,7 +155,7 @@ def damaged(out: Path, manifest: Mapping[str, Any]) -> list[str]:
 
 
 def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-    """Return the SHA-256 of files of a dataset by name, and of those that say what labels, meshes and files there are.
+    """Return the SHA-256 of files of a dataset by name, and of its lists of labels, meshes and files.
 
     Files whose checksum is `known` are not read again.
     """
@@ -177,13 +177,13 @@ def sizes(out: Path, names: Iterable[str]) -> dict[str, int]:
 
 
 def write_names(plan: Plan, out: Path) -> None:
-    """Write what labels and mesh ids stand for."""
+    """Write the lists of the names of classes and of the keys of meshes."""
     atomic.write_lines(out / SHAPE_NAMES, plan.classes)
     atomic.write_lines(out / MESH_KEYS, [entry.key for entry in plan.meshes])
 
 
 def plan_in(out: Path) -> Plan | None:
-    """Return the plan of the dataset in a folder, None of no folder or an empty one; DatasetError of anything else."""
+    """Return the plan of the dataset in a folder; None if the folder is missing or empty, else DatasetError."""
     if not out.is_dir() or not set(out.iterdir()) - set(atomic.leftovers([out])):
         return None
     if not (out / PLAN).exists():
@@ -195,7 +195,7 @@ def plan_in(out: Path) -> Plan | None:
 
 
 def contains_plan(plan: Plan, out: Path) -> bool:
-    """Whether a folder holds this plan's dataset, finished or not; False if empty, DatasetError of anything else."""
+    """Return whether a folder holds this plan's dataset, finished or not; DatasetError if it holds anything else."""
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
         return theirs is not None
@@ -208,7 +208,7 @@ def contains_plan(plan: Plan, out: Path) -> bool:
 
 
 def claim_folder(plan: Plan, out: Path) -> None:
-    """Make the folder this plan's, or find that it is already (`holds`); nothing in it is removed."""
+    """Write the plan into its folder, unless it is there already; nothing in the folder is removed."""
     if not contains_plan(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
@@ -253,7 +253,7 @@ def locked(out: Path, *, shared: bool = False, wait: bool = False) -> Iterator[N
 
 
 def remove(out: Path) -> None:
-    """Remove a dataset from its folder, with the complete clouds of it, if that is all (`removable`)."""
+    """Remove a dataset and its complete clouds from their folder, unless other files are in it (`removable`)."""
     for folder, plan in removable(out):
         unfinish(folder)  # first: what is left is no finished dataset
         own, _ = partition_files(folder, plan)
@@ -266,10 +266,11 @@ def remove(out: Path) -> None:
 
 
 def unfinish(out: Path) -> None:
-    """Have a folder hold no finished dataset any more; the names of its files stay known."""
+    """Mark the dataset of a folder as unfinished; the names of its files stay known."""
     if (out / MANIFEST).exists():
         (out / WORK).mkdir(exist_ok=True)
-        os.replace(out / MANIFEST, out / WORK / EXPORT_NAMES)
+        with suppress(FileNotFoundError):  # another share was faster
+            os.replace(out / MANIFEST, out / WORK / EXPORT_NAMES)
 
 
 def removable(out: Path) -> list[tuple[Path, Plan]]:
@@ -298,7 +299,7 @@ def _original(out: Path) -> Plan | None:
 
 
 def remove_work(out: Path, plan: Plan) -> None:
-    """Remove what a finished dataset no longer needs: unfinished work, and temporary files of killed processes."""
+    """Remove unfinished work, the shards of an export, and temporary files of killed processes."""
     own, _ = partition_files(out, plan)
     folders = (WORK, SHARDS) if find_format(plan.format).exported_from else (WORK,)
     left = [each for each in own if each.split("/")[0] in folders or atomic.is_temporary(Path(each).name)]
@@ -306,7 +307,7 @@ def remove_work(out: Path, plan: Plan) -> None:
 
 
 def partition_files(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
-    """Return what in a dataset's folder is the dataset's, and what is not: files, and folders, which end in a slash."""
+    """Return the files and folders that belong to a dataset, and the others; names of folders end in a slash."""
     names = {PLAN, MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)}
     row = find_format(plan.format)
     names |= {f"{SHARDS}/{name}" if row.exported_from else name for name in row.names(plan)} | set(recorded(out))
@@ -334,7 +335,7 @@ _OWN = re.compile(rf"{SHARDS}/\d{{6}}\.json$|{WORK}/({EXPORT_NAMES}$|export/)")
 
 
 def recorded(out: Path) -> Iterator[str]:
-    """Yield the names of files that a manifest, or an export that was begun, say are there."""
+    """Yield the names of files that a manifest, or the list of an unfinished export, names."""
     for path in (out / MANIFEST, out / WORK / EXPORT_NAMES):
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # damaged: what it names stays
             document = json.loads(path.read_bytes())
@@ -342,7 +343,7 @@ def recorded(out: Path) -> Iterator[str]:
 
 
 def remove_files(out: Path, names: Iterable[str]) -> None:
-    """Remove files, and those folders, of theirs and named, that are empty then."""
+    """Remove files and folders; folders of these files that are empty then are removed too."""
     folders = set[Path]()
     for name in names:
         if name.endswith("/"):

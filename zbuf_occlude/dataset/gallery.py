@@ -45,14 +45,14 @@ A_POINT = 110 / 72
 """Pixels of a typographic point."""
 BLACK, GREY, GHOST = (0, 0, 0), (90, 90, 90), (222, 222, 222)
 GHOST_POINTS = 1000
-"""Of those that a camera does not see, at most."""
+"""Maximum number of hidden points drawn."""
 
 VIEWS, POINTS = 6, 2048
 """Clouds of each class in the gallery, and at most this many points of each."""
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
 """From low to high: blue, green, red."""
 LEVELS = (6, 6, 6)
-"""Of red, green and blue in the page; grey is among them."""
+"""Number of levels of red, green and blue in the page; grey is among the colours."""
 PAINTS = [
     tuple(np.round(255 * np.array(each) / (np.array(LEVELS) - 1)).astype(int).tolist()) for each in np.ndindex(LEVELS)
 ]
@@ -65,8 +65,8 @@ COLOURS = (
 def write_contact_sheet(path: Path, source: CloudReader) -> bool:
     """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
 
-    Where all points of the objects are kept, what the camera does not see stands pale behind.
-    Return whether it was drawn: without Pillow (extra `report`) there is no picture, and a dataset all the same.
+    Where all points of the objects are kept, hidden points are drawn pale behind. Return whether the sheet was drawn:
+    without Pillow (extra `report`) there is none.
     """
     if find_spec("PIL") is None:
         return False
@@ -99,7 +99,7 @@ def write_contact_sheet(path: Path, source: CloudReader) -> bool:
 
 
 def _clouds_of_all_classes(source: CloudReader) -> Records:
-    """The first clouds of the first split; of the others too, as long as a class is lacking."""
+    """Return the first clouds of the first split, and of further splits until all classes are met."""
     clouds: list[Records] = []
     for split in source.order:
         clouds.extend(islice(source.batches(split, LOOKED_THROUGH), 1))
@@ -109,7 +109,7 @@ def _clouds_of_all_classes(source: CloudReader) -> Records:
 
 
 def _top(row: int) -> int:
-    """Where the panels of a row begin, in pixels from above."""
+    """Return the top of the panels of a row, in pixels."""
     return TITLE + row * (TITLE + PANEL)
 
 

@@ -156,7 +156,7 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
 
 
 def _faults(plan: Plan, manifest: Mapping[str, Any], out: Path, retry_failed: bool) -> list[str]:
-    """Say why parts of a finished dataset are made again; DatasetError where the size of a mesh has changed."""
+    """Return why parts of a finished dataset are made again; DatasetError where the size of a mesh has changed."""
     check_sources(plan.meshes, manifest, out)
     faults = [f"{out / name} is missing or damaged, and is made again" for name in damaged(out, manifest)]
     return faults + [f"{key}, which failed, is tried again" for key in manifest["failures"] if retry_failed]
@@ -212,7 +212,7 @@ def finish(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
 
 
 def _nothing_made(plan: Plan, whole: ShardReport) -> str:
-    """Say why there is no cloud, and what to do."""
+    """Return why there is no cloud, and what to do."""
     setup = plan.recipe.setup
     if whole.failures:
         why = next(iter(whole.failures.values()))

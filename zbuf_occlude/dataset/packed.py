@@ -56,9 +56,9 @@ from zbuf_occlude.sensors.capture import in_metres
 from zbuf_occlude.views import Views
 
 OPEN_FILES, KEPT_BLOCKS = 16, 4
-"""Files held open, and blocks held unpacked, by one reader in one process."""
+"""Maximum numbers of open files and of unpacked blocks of a reader."""
 QUANT_LEVELS = 2**16 - 1
-"""An object's longest side is this many steps long; positions are rounded to whole steps."""
+"""Number of steps along an object's longest side; positions are rounded to whole steps."""
 
 
 def archive_name(shard: int) -> str:
@@ -72,7 +72,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
 
 
 class Quantizer(NamedTuple):
-    """Where rounded positions lie: ``low + step * q`` (world space) for the integers q in 0..65535."""
+    """Grid of rounded positions: ``low + step * q`` (world space) for the integers q in 0..65535."""
 
     low: FloatArray
     step: float
@@ -98,7 +98,7 @@ def pack_integers(values: NDArray[Any]) -> bytes:
 
 
 def unpack_integers(content: bytes, dtype: str, shape: tuple[int, ...], what: str) -> NDArray[Any]:
-    """Return what was packed, of this type and shape."""
+    """Return the integers that were packed, in this type and shape."""
     kind = np.dtype(dtype)
     _check(content, kind.itemsize * int(np.prod(shape)), what)
     n_bytes = kind.itemsize * shape[0]
@@ -150,7 +150,7 @@ def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
 
 
 def unpack_scans(content: bytes) -> tuple[ScanPoints, BoolArray, Views]:
-    """Return what was packed; raise ValueError or KeyError where it is something else."""
+    """Return the scans that were packed; raise ValueError or KeyError for other content."""
     file = io.BytesIO(content)
     offsets, table, facts, rows = (np.load(file, allow_pickle=False) for _ in range(4))
     lengths = np.diff(offsets)
@@ -191,7 +191,7 @@ class Shard:
         return points, seen, np.flatnonzero(~mask.any(axis=1)).tolist()
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[tuple[SurfacePoints, bytes, list[int]]]) -> None:
-        """Take what was kept of all samplings of a mesh."""
+        """Add all samplings of a mesh."""
         entry, recipe = self._plan.meshes[mesh_id], self._plan.recipe
         kind, samples = "visible", [points for points, _, _ in kept]
         if recipe.setup is not None:
@@ -232,7 +232,11 @@ class Shard:
                     member.compress_type = zipfile.ZIP_DEFLATED
                     archive.writestr(member, content)
 
-        return [atomic.write_data(out / archive_name(shard), fill)]
+        path = out / archive_name(shard)
+        if not self._members:
+            path.unlink(missing_ok=True)  # an interrupted run may have left it
+            return []
+        return [atomic.write_data(path, fill)]
 
 
 class PackedFiles:
@@ -373,7 +377,7 @@ class PackedFiles:
 
 
 def _everything(block: StoredSampling) -> BoolArray:
-    """A mask of the whole surface for each view."""
+    """Return a mask of the whole surface for each view."""
     return np.ones((len(block.mask), len(block.whole)), dtype=bool)
 
 

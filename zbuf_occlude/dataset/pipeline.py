@@ -31,17 +31,17 @@ from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, contact_advice
 
 CHECKED_POINTS = 64
-"""At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
+"""Minimum number of checked points of a checked view, where it has as many."""
 
 MOST_TESTS = 1_000_000_000
-"""Pairs times faces that the oracle goes through for one sampling: a second. Huge meshes are checked at fewer pairs."""
+"""Maximum of checked pairs times faces for one sampling: about a second of the oracle's time."""
 
 CHECKED_SCANS = 4
-"""Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
+"""Maximum number of checked scans of a variation; fewer where there are many meshes (`Plan.n_checked`)."""
 
 
 IN_ONE_PLACE = "all points that it sees are in one place"
-"""Why a cloud is none: centred and scaled it would be the origin alone."""
+"""Reason for leaving out a cloud that would be the origin alone when centred and scaled."""
 
 SCAN_ARRAYS = {each.name: each.attribute for each in SCAN_COLUMNS}
 """Attribute of a `Scan` for each field of a record that has a row per point, except colours."""
@@ -50,7 +50,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Sampling(NamedTuple):
-    """One sampling of a mesh, and who sees what of it."""
+    """One sampling of a mesh, and the points that each view sees."""
 
     points: SurfacePoints  # n; of scans those of all views, one after the other
     mask: BoolArray  # (k, n): points that each view sees
@@ -134,7 +134,7 @@ def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> S
 
 
 def count_mesh(mesh: Mesh, recipe: DatasetConfig) -> QualityCounts:
-    """Count what cleaning dropped, far faces, and whether wanted colours or windows are lacking; the log says which."""
+    """Count dropped faces, far faces, and missing colours or windows; the log names them."""
     lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
@@ -161,9 +161,9 @@ def check(
     n_checked: int,
     place: WorstView,
 ) -> QualityCounts:
-    """Ask the oracle about a random few of the answers and count where they differ, view by view.
+    """Compare a random few of the answers with the oracle's, and count the differences view by view.
 
-    One view at least, and as many as have `CHECKED_POINTS` points each; `place` names mesh and variation.
+    At least one view is checked, with `CHECKED_POINTS` points or more each; `place` names mesh and variation.
     """
     n_pairs = min(n_checked, max(CHECKED_POINTS, MOST_TESTS // len(mesh.faces)))
     n_views = min(max(1, n_pairs // CHECKED_POINTS), len(views))
@@ -185,7 +185,7 @@ def check(
 
 
 def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
-    """Yield the scans of a mesh; of complete clouds the whole object, nothing is scanned.
+    """Yield the scans of a mesh; for complete clouds the whole object, without a scan.
 
     A checked pair (`QualityCounts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
     """
@@ -242,7 +242,7 @@ def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> It
 
 
 def _places(mesh: Mesh, size: float, floor: float, setup: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
-    """Return where the sensor stands about a mesh that is `size` metres long."""
+    """Return the positions of the sensor about a mesh that is `size` metres long."""
     views = plan.views_of(key)
     if views.rotations is not None:  # cameras of a file, which stand where the mesh is
         eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
@@ -285,7 +285,7 @@ def _column(name: str, scan: Scan, mesh: Mesh, standing: Mesh) -> NDArray[Any]:
 
 
 def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
-    """Return the colours (n, 3) of where a scan's rays met the target, without noise; all else is grey."""
+    """Return the colours (n, 3) of the points where a scan's rays met the target; other points are grey."""
     colors = np.full((len(scan), 3), GREY, dtype=np.uint8)
     mine = np.flatnonzero(scan.instances == 0)
     if mesh.colors is not None and len(mine):
@@ -296,7 +296,7 @@ def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
 
 
 def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> QualityCounts:
-    """Ask the oracle about a random few of a scan's rays and count where the method errs."""
+    """Compare a random few of a scan's rays with the oracle's answers, and count the differences."""
     scan = capture.scan
     some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
     starts, directions = scan.starts[some], scan.directions[some]

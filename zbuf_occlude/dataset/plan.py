@@ -37,11 +37,11 @@ SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
-"""What points may have besides their positions."""
+"""Attributes that points may have besides their positions."""
 BOXES = "boxes"
-"""The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
+"""Attribute of scans: the boxes of objects in the picture of a car's camera (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
-"""NumPy's records end at 2 GB."""
+"""Maximum number of points of a cloud; NumPy's records end at 2 GB."""
 DATA_VERSION = 1
 """Version of the data. It is raised whenever the same plan gives other files than before."""
 CLOUDS_PER_FILE, FILES_PER_SHARD = 2048, 4
@@ -55,8 +55,8 @@ POINT_BYTES, RETURN_BYTES = 32, 80
 AREA = 6.0
 """Estimated area of an object whose longest side is 1: that of a cube."""
 PAIRS_CHECKED = 37_000
-"""Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than
-0.01 % of all are, with 95 % confidence (`dataset/counts.py`)."""
+"""Number of pairs of view and point of a dataset that are checked by the oracle. Where none of as many is wrong, fewer
+than 0.01 % of all are, with 95 % confidence (`dataset/counts.py`)."""
 
 MODELNET40 = (
     "airplane", "bathtub", "bed", "bench", "bookshelf", "bottle", "bowl", "car", "chair", "cone", "cup", "curtain",
@@ -82,12 +82,12 @@ CLASSES_OF = {
     "scanobjectnn": SCANOBJECTNN,
     "mvp": MVP,
 }
-"""Formats whose labels are numbers in a published list, counted from 0; others number the classes at hand."""
+"""Published lists of classes of formats whose labels are indices into them; other formats number the classes given."""
 
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """Everything that decides the numbers in a dataset, apart from the meshes.
+    """Settings that decide the numbers in a dataset, apart from the meshes.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class DatasetConfig:
     method_options : mapping
         The method's own options.
     reason : str
-        Why this method, where it was not a person who chose it (`auto`).
+        Reason for the method, where `auto` chose it.
     views : str
         A specification of `zbuf_occlude.views.parse`.
     distance : float
@@ -214,7 +214,7 @@ class DatasetConfig:
 
     @cached_property
     def setup(self) -> ScanConfig | None:
-        """How scans are made; None where points are sampled on the surface."""
+        """The settings of scans; None where points are sampled on the surface."""
         return None if self.scanning is None else ScanConfig(**self.scanning)
 
 
@@ -271,12 +271,12 @@ class Plan:
 
     @property
     def clouds_per_mesh(self) -> int:
-        """Clouds made of each mesh."""
+        """Number of clouds of each mesh."""
         return len(self.views) * self.recipe.variations
 
     @property
     def n_clouds(self) -> int:
-        """Clouds in the whole dataset when every mesh succeeds and sees something from everywhere."""
+        """Number of clouds of the dataset where no mesh fails and every view sees something."""
         return len(self.meshes) * self.clouds_per_mesh
 
     @cached_property
@@ -291,7 +291,7 @@ class Plan:
 
     @property
     def n_checked(self) -> int:
-        """Pairs of view and point of each sampling of a mesh that are asked again of the oracle."""
+        """Number of checked pairs of view and point of each sampling of a mesh."""
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
     @cached_property
@@ -325,6 +325,10 @@ class Plan:
             mesh_ids = rng.permutation(np.flatnonzero(self.split_of == split).astype(np.int32))
             found += np.array_split(mesh_ids, -(-len(mesh_ids) // self.meshes_per_shard))
         return found
+
+    def shard_of(self, mesh_id: int) -> int:
+        """Return the shard of a mesh."""
+        return int(self._ranks[0][mesh_id])
 
     def split_of_shard(self, shard: int) -> str:
         """Return the split of a shard's meshes."""
@@ -370,7 +374,7 @@ class Plan:
 
     @cached_property
     def pool(self) -> Pool:
-        """Objects that scenes are filled with; the same in every worker."""
+        """Objects that fill scenes; the same in every worker."""
         setup = self.recipe.setup
         given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
         return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
@@ -397,7 +401,7 @@ class Plan:
         return cls(MeshCollection(entries), recipe, document["format"], views, document["version"])
 
     def differences(self, theirs: Mapping[str, Any]) -> Iterator[str]:
-        """Say in words in what another plan's document differs from this one's."""
+        """Yield the differences from another plan's document, in words."""
         mine = self.to_dict()
         for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
             then, now = (document["recipe"].get(name) for document in (theirs, mine))
@@ -433,7 +437,7 @@ def _shuffled(seed: int, shard: int, n_clouds: int) -> Numbers:
 
 
 def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
-    """Say what became of a value; of a mapping, or a list of mappings, what became of each of its own."""
+    """Yield the change of a value in words; for a mapping, or a list of mappings, the change of each entry."""
     if all(isinstance(each, list | tuple) and all(isinstance(one, Mapping) for one in each) for each in (then, now)):
         then, now = ({str(number): one for number, one in enumerate(each)} for each in (then, now))
     if isinstance(then, Mapping) and isinstance(now, Mapping):

@@ -1,4 +1,4 @@
-"""Records: what is kept of one cloud, drawn from what a view sees, in memory and as the arrays of a file.
+"""Records: the data of one cloud, drawn from the points that a view sees, in memory and as the arrays of a file.
 
 With ``--sample-size all`` clouds are of unequal size. In memory a field that has a row per point is then of objects:
 ``records["data"][i]`` is (n_i, 3). In files the points of all clouds stand one after the other, and
@@ -29,17 +29,17 @@ Fields = dict[str, tuple[str, tuple[int, ...]]]
 SCAN_FIELDS: Fields = {each.name: (each.record_dtype, each.shape) for each in SCAN_COLUMNS}
 """Fields of a scan's points: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
 ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
-"""For each attribute of a recipe the fields of a point on a surface."""
+"""Fields of a point on a surface, by attribute."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
-"""What tells clouds apart."""
+"""Fields that identify a cloud."""
 OFFSETS = "offsets"
 ALL = -1
-"""As a size: every visible point."""
+"""Size of clouds that keep every visible point."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanPoints(SurfacePoints):
-    """The points of several scans one after the other, with what a sensor knows of each; or all points of the target.
+    """The points of several scans one after the other, with the sensor's data of each; or all points of the target.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class ScanPoints(SurfacePoints):
 
 
 def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
-    """Return what is kept of one cloud; the fields become the datasets of the HDF5 file.
+    """Return the type of a cloud's record; the fields become the datasets of the HDF5 file.
 
     data : (sample_size, 3) float32, ``(p - centre) * factor`` for the visible points p in the chosen frame
     label : (1,) int64, index into the sorted class names
@@ -137,7 +137,7 @@ def gather_clouds(
     *,
     which: ArrayLike | None = None,
 ) -> Records:
-    """Make one record for every view that sees anything.
+    """Return a record for every view that sees a point.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def read_archive(file: Any, recipe: DatasetConfig) -> Records:
 
 
 def pad_or_truncate(positions: NDArray[Any], n_points: int) -> NDArray[Any]:
-    """Return the first `n_points` of a cloud's points, whose order is random; of fewer all, and some again."""
+    """Return `n_points` points of a cloud, whose order is random: the first ones, or all, padded with repeats."""
     return np.asarray(positions[np.arange(n_points) % len(positions)])
 
 

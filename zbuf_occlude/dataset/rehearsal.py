@@ -1,4 +1,4 @@
-"""Before workers start: try the method, compile all by one tiny mesh, and measure what the dataset would take."""
+"""Preparations of a run: a test of the method, compilation by a tiny mesh, and an estimate of the cost of a dataset."""
 
 import math
 import tempfile
@@ -27,9 +27,9 @@ from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.visibility import find_method, prepare
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
-"""This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
+"""Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
 N_FUNCTIONS = {"depth_buffer": 59, "exact": 163, "exact-scans": 253}
-"""About how many functions `warm_up_jit` compiles for a job of each kind, where nothing is compiled yet."""
+"""Approximate number of functions that `warm_up_jit` compiles for each kind of job, for the progress bar."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
 
@@ -46,10 +46,10 @@ def _context_for(recipe: DatasetConfig) -> Iterator[Any]:
 
 
 def smoke_test(recipe: DatasetConfig, require_gpu: bool) -> None:
-    """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
+    """Ask the method about one triangle, so that a wrong option or a missing driver shows before files are written.
 
-    Raises what any mesh would have met: OptionError, UnavailableError, GlError. With `require_gpu` a software renderer
-    is a GlError.
+    Raises the errors that any mesh would meet: OptionError, UnavailableError, GlError. With `require_gpu` a software
+    renderer is a GlError.
     """
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
     with _context_for(recipe) as gl:
@@ -63,23 +63,23 @@ def smoke_test(recipe: DatasetConfig, require_gpu: bool) -> None:
 
 
 def needs_no_check(recipe: DatasetConfig) -> bool:
-    """Whether nothing of the method can be wrong or missing here: no option, no OpenGL, no further package."""
+    """Return whether the method has no option, no OpenGL and no further package that could be wrong or missing."""
     row = find_method(recipe.method)
     return not (row.needs_gl or row.extra or recipe.method_options)
 
 
 def is_warm(recipe: DatasetConfig) -> bool:
-    """Whether all that a job of this kind calls is compiled."""
+    """Return whether all functions that a job of this kind calls are compiled."""
     return compiler.compiled_before(_kind(recipe))
 
 
 def n_functions(recipe: DatasetConfig) -> int | None:
-    """Return about how many functions `warm_up_jit` compiles for a recipe; None where that was not counted."""
+    """Return the approximate number of functions that `warm_up_jit` compiles; None where it is not known."""
     return N_FUNCTIONS.get(_kind(recipe))
 
 
 def warm_up_jit(recipe: DatasetConfig) -> None:
-    """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
+    """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
@@ -108,9 +108,9 @@ def _kind(recipe: DatasetConfig) -> str:
 
 
 class Estimate(NamedTuple):
-    """What a dataset would take."""
+    """The estimated cost of a dataset."""
 
-    n_meshes: int  # made for it
+    n_meshes: int  # that were made for it
     n_failed: int  # of these
     processor_seconds: float  # of all meshes of the plan, from their files to final ones
     uncertainty: float  # two standard errors of that: meshes differ
@@ -119,7 +119,7 @@ class Estimate(NamedTuple):
 
 
 def estimate(plan: Plan) -> Estimate:
-    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay.
+    """Estimate the cost of a plan: make a few of its meshes, chosen at random by its seed, in a temporary folder.
 
     A method that cannot run here is a GlError or an UnavailableError.
     """
@@ -154,5 +154,5 @@ def _time_mesh(plan: Plan, mesh_id: int, gl: Any, folder: Path) -> tuple[float, 
         make_mesh(plan, mesh_id, gl, store)
     except (MeshError, ArgumentError):
         failed = True
-    n_bytes = sum(file.n_bytes for file in store.write(folder, 0))
+    n_bytes = sum(file.n_bytes for file in store.write(folder, plan.shard_of(mesh_id)))
     return time.process_time() - began, n_bytes, failed

@@ -96,24 +96,24 @@ class RecordShard:
             self._records.append(records)
 
     def write(self, out: Path, shard: int) -> list[FileDigest]:
-        """Write the files of the shard that have clouds."""
-        plan, module = self._plan, find_format(self._plan.format).storage.load()
-        if not any(map(len, self._records)):
-            return []
-        ids = (np.concatenate([each[name] for each in self._records]) for name in ("mesh_id", "variation", "view_id"))
+        """Write the files of the shard that have clouds; remove others, which an interrupted run may have left."""
+        plan, module, written = self._plan, find_format(self._plan.format).storage.load(), list[FileDigest]()
+        arrays = [np.empty(0, record_type(plan.recipe)), *self._records]
+        ids = (np.concatenate([each[name] for each in arrays]) for name in ("mesh_id", "variation", "view_id"))
         files, rows = plan.places(*ids)
-        array_of = np.repeat(np.arange(len(self._records)), list(map(len, self._records)))
-        row_of = np.concatenate([np.arange(len(each)) for each in self._records])
-        written = []
-        for number in np.unique(files).tolist():
-            mine = np.flatnonzero(files == number)
+        array_of = np.repeat(np.arange(len(arrays)), list(map(len, arrays)))
+        row_of = np.concatenate([np.arange(len(each)) for each in arrays])
+        for number in plan.files_of(shard):
+            file, mine = plan.files[number], np.flatnonzero(files == number)
+            path = out / module.file_name(file.split, file.number)
+            if not len(mine):
+                path.unlink(missing_ok=True)
+                continue
             mine = mine[np.argsort(rows[mine])]
             records = np.empty(len(mine), record_type(plan.recipe))
             for array in np.unique(array_of[mine]).tolist():
                 here = array_of[mine] == array
-                records[here] = self._records[array][row_of[mine[here]]]
-            file = plan.files[number]
-            path = out / module.file_name(file.split, file.number)
+                records[here] = arrays[array][row_of[mine[here]]]
             written.append(module.write(path, records, plan, file.number))
         return written
 
@@ -182,7 +182,7 @@ def make_shard(
     on_mesh(None)
     folder = data_folder(plan, out)
     folder.mkdir(exist_ok=True)
-    files = store.write(folder, number) if n_clouds else []
+    files = store.write(folder, number)
     report = ShardReport(
         plan.fingerprint,
         counts,

@@ -1,4 +1,4 @@
-"""Where the clouds of a dataset come from when files are written or looked at: records by number, in their order."""
+"""Readers of the clouds of a dataset: records by number, in the order of the files."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from zbuf_occlude.views import Views
 
 
 class StoredSampling(NamedTuple):
-    """One sampling of one mesh, or its scans and a sampling, as they are kept.
+    """One stored sampling of a mesh, or its scans and a sampling.
 
     `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
     rounded. Views are in world units, of scans in metres. Normals of `whole` that are not kept are zero.
@@ -35,7 +35,7 @@ class StoredSampling(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CloudReader:
-    """The clouds of a dataset, wherever they are kept. Each has a number."""
+    """Reader of the clouds of a dataset. Each cloud has a number."""
 
     plan: Plan
     order: dict[str, Numbers]
@@ -50,7 +50,7 @@ class CloudReader:
     block: Callable[[int, int], StoredSampling] | None = None
     """Returns a sampling, from its mesh's index and variation; where `complete` is."""
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
-    """How many clouds each file has that is written of them; `Plan.clouds_per_file` where nothing is said."""
+    """Number of clouds of each file that is written of them; `Plan.clouds_per_file` by default."""
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
     """Returns what each cloud is of, (n,) of `IDS`, by its number."""
 

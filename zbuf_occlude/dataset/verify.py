@@ -24,18 +24,18 @@ from zbuf_occlude.provenance import MeshSource
 from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
-"""The clouds held against their meshes are of this many files, chosen at random, where there are more."""
+"""Maximum number of files, chosen at random, whose clouds are checked against their meshes."""
 POINTS_PER_CLOUD = 64
-"""Of each cloud that is checked this many points are asked of the oracle."""
+"""Number of points of each checked cloud that the oracle checks."""
 ROUNDING = 0.002
-"""What rounding the positions may add to the fraction of false visible, besides what lies in the boundary band."""
+"""Fraction of false visible that rounding of positions may add outside the boundary band."""
 DEVIATIONS = 5.0
-"""A measured fraction may be this many standard deviations above the manifest's."""
+"""Number of standard deviations that a measured fraction may exceed the manifest's by."""
 
 
 @dataclass
 class Verdict:
-    """What was looked at, and what was wrong with it."""
+    """Result of a verification."""
 
     n_files: int  # read whole
     n_clouds: int  # read; of an export none
@@ -66,7 +66,7 @@ class VerifyTask:
     needs_gl = False
 
     def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> FileVerdict:
-        """Look at a file."""
+        """Verify a file."""
         if not (self.out / job).is_file():
             return FileVerdict([f"{job} must be there; it is missing."], {})
         try:
@@ -81,7 +81,7 @@ class VerifyTask:
             return FileVerdict([f"{job} must be readable; it is not ({error.strerror or error})."], {})
 
     def _read(self, files: Mapping[str, list[str]]) -> FileVerdict:
-        """Read every cloud of a file; note what cannot be a cloud of this dataset."""
+        """Read every cloud of a file; report those that cannot be clouds of this dataset."""
         source: CloudReader = find_format(self.plan.format).load().read(self.out, self.plan, files)
         faults, n_clouds = [], Counter[str]()
         for split in source.order:
@@ -228,7 +228,7 @@ def _ask_oracle(
     rng: np.random.Generator,
     verdict: Verdict,
 ) -> None:
-    """Ask about some points of some clouds which fraction of them is hidden."""
+    """Measure the fraction of hidden points among some points of some clouds."""
     from zbuf_occlude.visibility.oracle import BAND  # late: takes Numba
     from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 

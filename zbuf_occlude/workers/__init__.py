@@ -1,6 +1,6 @@
-"""Jobs of a task: done in this process, or by worker processes on this machine (`local`) or a cluster (`ray`).
+"""Tasks in jobs, done in this process, or by worker processes on this machine (`local`) or a cluster (`ray`).
 
-Where several machines share them, a machine's share is I/N, or what SLURM's environment says.
+Several machines share the jobs of a task: each has the share I/N, or that of its SLURM array task.
 """
 
 import re
@@ -20,7 +20,7 @@ class Task(Protocol):
 
     @property
     def needs_gl(self) -> bool:
-        """Whether a worker needs a GL context."""
+        """True where a worker needs a GL context."""
 
     def do(
         self,

@@ -28,10 +28,10 @@ PRELOAD = ("zbuf_occlude.workers.preload", "numba", "h5py", "zbuf_occlude.datase
 THREADS = "OPENBLAS_NUM_THREADS"
 """Variable of the environment with the number of threads that NumPy starts when it is imported."""
 SERVERS = 3
-"""This many fork servers in a row may end before they have started a worker."""
+"""Number of fork servers in a row that may end before they have started a worker."""
 
 LONGEST_TEMPORARY_FOLDER = 70
-"""Bytes; in a folder of a longer name a process has no address for others to reach it by."""
+"""Maximum bytes of the name of the temporary folder, in which processes have their addresses."""
 
 
 def run_local(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits: Limits) -> None:
@@ -64,7 +64,7 @@ def start_server() -> None:
 
 
 def _start_method() -> str:
-    """Outside Linux what systems bring along does not survive a fork."""
+    """Return how workers are started; outside Linux system libraries do not survive a fork."""
     short = len(os.fsencode(tempfile.gettempdir())) <= LONGEST_TEMPORARY_FOLDER
     return "forkserver" if sys.platform == "linux" and short else "spawn"
 
@@ -109,7 +109,7 @@ class LocalWorker:
         return messages
 
     def ending(self) -> ExitStatus | None:
-        """Say how the process ended; None while it runs."""
+        """Return how the process ended; None while it runs."""
         if self.process.is_alive():
             return None
         code = self.process.exitcode
@@ -164,7 +164,7 @@ def _end_with_coordinator() -> None:
 
 
 def gl_devices(task: Task) -> list[int | None]:
-    """The EGL devices over which workers are spread: the hardware ones that open, or None for whatever opens first."""
+    """Return the EGL devices of workers: the hardware ones that open, or None for the first that opens."""
     if not task.needs_gl:
         return [None]
     from zbuf_occlude.gl.context import ENVIRONMENT as CHOICE  # late: only methods that need it touch GL

@@ -1,4 +1,4 @@
-"""A pool of workers that do jobs, and may crash, hang or run out of memory; `local` and `ray` start them."""
+"""A pool of workers that do jobs and may crash, hang or run out of memory; `local` and `ray` start them."""
 
 import logging
 import logging.handlers
@@ -18,18 +18,18 @@ from zbuf_occlude.workers import Done, Task
 _LOG = logging.getLogger(__name__)
 
 CRASHES, KILLS = 2, 5
-"""A mesh is a failure when so many workers have crashed at it, or were killed at it from outside (by the kernel for
-memory, or by a person), since it was last made."""
+"""Number of workers that crash at a mesh, or are killed at it from outside (by the kernel for memory, or by a person),
+after which the mesh is a failure."""
 MOST_ENDS = 20
-"""The run ends when so many workers in a row have ended before they were ready, or at one job while at no mesh."""
+"""Number of workers in a row that end before they are ready, or at one job outside any mesh, until the run ends."""
 MOST_BROKEN = 5
-"""The run ends when so many workers in a row have lost, or never got, their GL context."""
-JOBS_PER_WORKER = 200
-"""A worker is replaced after so many jobs: drivers leak."""
+"""Number of workers in a row without a GL context after which the run ends."""
+JOBS_PER_WORKER = 50
+"""Number of jobs after which a worker is replaced: drivers leak."""
 LOOK = 0.5
-"""Seconds between two looks at the workers' time and memory."""
+"""Seconds between two checks of the workers' time and memory."""
 READY_SECONDS = 300.0
-"""The run ends when no worker is ready for so long: the cluster has no room, or processes do not start."""
+"""Seconds without a ready worker after which the run ends: the cluster has no room, or processes do not start."""
 
 Message = tuple[Literal["ready", "mesh", "done", "log", "broken", "failed"], Any]
 """("ready", pid) first; ("mesh", mesh_id) before each mesh, None behind the last of a job; ("done", (job, result)); at
@@ -84,11 +84,11 @@ def work(connection: Connection, task: Task, device_index: int | None) -> None:
 
 
 class ExitStatus(NamedTuple):
-    """How a worker ended."""
+    """The end of a worker."""
 
     reason: str
     killed: bool
-    """From outside, by SIGKILL or SIGTERM."""
+    """True where SIGKILL or SIGTERM ended it from outside."""
 
 
 class Worker(Protocol):
@@ -101,7 +101,7 @@ class Worker(Protocol):
         """Return its messages since the last call, without waiting."""
 
     def ending(self) -> ExitStatus | None:
-        """Say how it ended; None while it lives."""
+        """Return how it ended; None while it lives."""
 
     def gigabytes(self) -> float:
         """Return its resident memory."""
@@ -162,7 +162,9 @@ def do_jobs(
             if any(seat.ready for seat in seats.values()):
                 last_ready = time.monotonic()
             elif time.monotonic() - last_ready > READY_SECONDS:
-                raise DatasetError(f"a worker must be ready within {READY_SECONDS:g} seconds; none was. Is there room?")
+                raise DatasetError(
+                    f"No worker was ready within {READY_SECONDS:g} s. Is there enough memory, or room on the cluster?"
+                )
     finally:
         for seat in seats.values():
             if seat.job is None:
@@ -173,7 +175,7 @@ def do_jobs(
 
 @dataclass
 class _WorkerSlot:
-    """A worker, and what it is at."""
+    """A worker, its job and its mesh."""
 
     worker: Worker
     ready: bool = False
@@ -184,13 +186,13 @@ class _WorkerSlot:
 
 
 class _Pool:
-    """Jobs that wait, meshes that are lost, and how many workers ended at what."""
+    """Jobs that wait, meshes that are lost, and counts of the ends of workers."""
 
     def __init__(self, queue: deque[Any], done: Done, limits: Limits) -> None:
         self.queue, self.done, self.limits = queue, done, limits
         self.lost: dict[int, str] = {}
         self.ends: Counter[Any] = Counter()
-        """By ("mesh", mesh_id, killed), ("job", job), "start" or "GL", since it last succeeded."""
+        """Number of ends since the last success, by ("mesh", mesh_id, killed), ("job", job), "start" or "GL"."""
 
     def keeps(self, seat: _WorkerSlot) -> bool:
         """Take a worker's messages and look at its state; return False when it has gone."""

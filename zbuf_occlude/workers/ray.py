@@ -15,7 +15,7 @@ from zbuf_occlude.workers import Done, Task
 from zbuf_occlude.workers.pool import ExitStatus, Message, do_jobs, work
 
 LISTEN_SECONDS = 0.4
-"""How long an actor waits for something to say before it answers that there is nothing."""
+"""Seconds that an actor waits for a message before it answers without one."""
 
 
 def run_ray(
@@ -55,7 +55,7 @@ def run_ray(
     if owned:
         try:
             address = address or os.environ.get("RAY_ADDRESS") or None
-            _knock(address or "")
+            _check_reachable(address or "")
             # without "local" Ray waits for what the last cluster of this machine has left, even if that was killed
             ray.init(
                 address=address or "local", log_to_driver=False, include_dashboard=False, logging_level=logging.ERROR
@@ -82,8 +82,8 @@ def run_ray(
             ray.shutdown()
 
 
-def _knock(address: str) -> None:
-    """Raise OSError when nobody listens at "host:port": Ray itself would try for minutes."""
+def _check_reachable(address: str) -> None:
+    """Raise OSError where no process listens at "host:port": Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdecimal() and "//" not in host:
         socket.create_connection((host, int(port)), timeout=10).close()

@@ -1,4 +1,4 @@
-"""A dataset in other files: layouts of others, that published loaders read, and conversion to another format.
+"""Exports: the layouts that published loaders read, made from a dataset, and conversion to another format.
 
 A layout is exported from the clouds of a dataset by one function. `generate --format pcn` makes the files of its shards
 in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums, but it is
@@ -54,9 +54,9 @@ UNSEEN = "not all its views see it"
 
 
 class Exported(NamedTuple):
-    """What an export wrote: of each split, the names of its files and how many clouds they hold; other counts.
+    """Report on an export: for each split the names of its files and the number of their clouds; other counts.
 
-    `left_out` says of meshes, by index, why they are not in it, though they have clouds.
+    `left_out` has the reasons why meshes with clouds, by index, are not in it.
     """
 
     files: dict[str, list[str]]
@@ -144,7 +144,7 @@ def finish_folder(
 
 
 def frame_in_words(plan: Plan) -> dict[str, Any]:
-    """Say the axes of the clouds in the files, by those of the mesh with z up, and which is up; or the eye's."""
+    """Return the axes of the clouds in the files, in those of the mesh with z up or of the camera, and the one up."""
     if plan.recipe.frame == "camera":
         return {"axes": ["right", "up", "backwards"], "up": None}
     axes = find_format(plan.format).axes_in(plan.recipe.frame)
@@ -294,7 +294,7 @@ class Layout(NamedTuple):
 
 
 class Names(NamedTuple):
-    """What objects are called in a layout, by mesh index: only letters, digits and underscores."""
+    """Names of objects in a layout, by mesh index: only letters, digits and underscores."""
 
     classes: list[str]
     taxonomies: list[str]  # ShapeNet's synset where the key begins with one, else the class's name
@@ -307,7 +307,7 @@ class Names(NamedTuple):
 
 
 def names_of(plan: Plan) -> Names:
-    """Return what the meshes of a plan are called; the same plan gives the same names."""
+    """Return the names of the meshes of a plan; the same plan gives the same names."""
     taken, last = set[tuple[str, str]](), dict[tuple[str, str], int]()
 
     def free(name: str, *places: str) -> str:
@@ -401,7 +401,7 @@ class Rows:
 
 
 class CloudFields:
-    """The file ``clouds_SPLIT.npy``: what records hold besides their points, row by row."""
+    """The file ``clouds_SPLIT.npy``: the fields of records besides their points, row by row."""
 
     def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
         self.name = f"clouds_{split}.npy"

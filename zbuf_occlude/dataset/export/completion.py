@@ -238,7 +238,7 @@ def _write_h5(path: Path, record: Any) -> None:
 
 
 _WRITERS = {".pcd": write_pcd, ".npy": _write_npy, ".h5": _write_h5}
-"""By a file's ending what writes a record's points."""
+"""Writer of a record's points, by the ending of the file."""
 
 
 def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:

@@ -108,7 +108,7 @@ def _card(plan: Plan, splits: Iterable[str]) -> str:
 
 
 def _listed(dtype: str, lengths: tuple[int, ...], indent: str) -> list[str]:
-    """Say the type of a column of nested lists; its reader wants the lists before their lengths."""
+    """Return the type of a column of nested lists; its reader wants the lists before their lengths."""
     if not lengths:
         return [f"{indent}dtype: {dtype}"]
     inner = [f"{indent}list: {dtype}"]

@@ -23,9 +23,9 @@ from zbuf_occlude.visible_space import VisibilityGrid, visibility_grid
 N = 32
 """Voxels along a side, as 3D-EPN and PatchComplete have them."""
 TRUNCATION = 3
-"""Distances are cut off at as many voxels."""
+"""Number of voxels at which distances are cut off."""
 AROUND = fibonacci(100)
-"""What none of these eyes sees is inside, for complete distances."""
+"""Eyes around the object; a point that none of them sees is inside, for complete distances."""
 PER_TURN = 10
 
 

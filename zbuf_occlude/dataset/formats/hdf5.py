@@ -87,7 +87,7 @@ def _h5_in(file: IO[bytes], **options: Any) -> Iterator[Any]:
 
 
 class _Disk:
-    """A file that HDF5 takes for whole: of an error HDF5 hears nothing, for on a full disk it ends the process."""
+    """A file whose errors are hidden from HDF5, which would end the process on a full disk."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -117,11 +117,11 @@ class _Disk:
         return len(view)
 
     def tell(self) -> int:
-        """Say the place."""
+        """Return the position."""
         return self._do(self._file.tell) or 0
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """Go to a place."""
+        """Go to a position."""
         return self._do(lambda: self._file.seek(offset, whence)) or offset
 
     def truncate(self, size: int) -> int:

@@ -40,9 +40,9 @@ SCALES = ("cloud", "mesh")
 BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
-"""So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
+"""Maximum number of rounds that sample more points, or try another eye, before visible points are repeated."""
 TRIED_POINTS, TRIED_EYES = 256, 16
-"""By so many it is told how many points of a mesh are to be sampled for three eyes of four to see enough."""
+"""Number of eyes by which the sample count is estimated, so that three of four eyes see enough points."""
 
 
 class OnTheFlyOcclusion:

@@ -209,12 +209,12 @@ def tensor_mesh(vertices: torch.Tensor, faces: torch.Tensor) -> TensorMesh:
 
 
 def is_dense(values: Any) -> bool:
-    """Whether it is a tensor whose numbers lie in memory; those of sparse and nested ones do not."""
+    """Return whether a value is a tensor whose numbers lie in memory; those of sparse and nested ones do not."""
     return isinstance(values, torch.Tensor) and values.layout == torch.strided and not values.is_nested
 
 
 def is_followed(values: Any) -> bool:
-    """Whether it is a tensor that counts its changes in place; those made in inference mode do not."""
+    """Return whether a value is a tensor that counts its changes in place; those made in inference mode do not."""
     return is_dense(values) and not values.is_inference()
 
 
