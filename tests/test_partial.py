@@ -180,7 +180,7 @@ def test_colours_come_from_what_has_them() -> None:
         ({"eye": (1, float("nan"), 3)}, "eye must be finite"),
         ({"azimut": 1, "elevation": 0}, "Did you mean 'azimuth'"),
         ({"azimuth": 1, "points": 9}, "Did you mean 'n_points'"),
-        ({"azimuth": 1, "density": 1e-9}, "density must give a point"),
+        ({"azimuth": 1, "density": 1e-9}, "gives no point on an area"),
         ({"azimuth": 0, "elevation": 100}, r"elevation must be a number in \[-90, 90\], degrees; got 100"),
         ({"azimuth": "north", "elevation": 0}, "azimuth must be a number, degrees; got 'north'"),
         ({"eye": (0, 0, 0)}, "eye must not be the mesh's centre"),
