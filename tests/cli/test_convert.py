@@ -87,6 +87,7 @@ def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_pat
     first = run(f"{line} --shard 0/2")
     assert first.out.count(f"zbuf-occlude merge {out}\n") == 2
     assert run(f"status {out}").out.count("not complete") == 2
+    run(f"{line} --shard 1/2")
     outcome = run(f"merge {out}")
     assert "nothing was removed, so nothing was measured" in outcome.out
     original = open_dataset(out / "original")

@@ -86,7 +86,7 @@ def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
     run(f"{line} --sensor vlp-16", code=2, says="velocity")
     for name in ("Truck", "car"):
         (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": name, "position": [1, 2, 0]}]}))
-        run(f"{line} --sensor vlp-16", code=2, says=f"small letters; got the class '{name}'")
+        run(f"{line} --sensor vlp-16", code=2, says=f"small letters); got the class '{name}'")
 
 
 def test_a_depth_camera_keeps_its_places_and_a_lidar_says_which_it_has(run: Run, tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_a_depth_camera_keeps_its_places_and_a_lidar_says_which_it_has(run: Run,
     assert "30 views look from 10 sides" in lidar.err
     below = run(f"{asked.replace('15..75', '-60..60')} --range 0.4 --sensor pinhole:width=64,height=64 --out below")
     assert "warning: 10 cameras would be below the ground, and stand on it" in below.out
-    run(f"{asked} --range 0.4 --sensor pinhole --sensor-height 1.5 --out none", code=2, says="must be of a LiDAR")
+    run(f"{asked} --range 0.4 --sensor pinhole --sensor-height 1.5 --out none", code=2, says="is for a LiDAR")
     run(
         f"{asked} --range 0.4 --sensor pinhole:width=64,height=64 --distance 3 --dry-run --out both",
         says="--distance does not count",

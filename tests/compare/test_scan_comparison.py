@@ -186,7 +186,7 @@ def test_a_scan_with_lines_of_another_kind_is_read(tmp_path: Path, caplog: pytes
     header = "ply\nformat ascii 1.0\nbye\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
     (tmp_path / "a.ply").write_text(header + "end_header\n1 2 3\n4 5 6\n")
     assert read_scan_file(tmp_path / "a.ply", CAMERA, 0.001).tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert "1 lines of its header are none of PLY" in caplog.text
+    assert "1 lines of its header are not PLY" in caplog.text
 
 
 def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:

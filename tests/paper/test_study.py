@@ -243,7 +243,7 @@ def test_elevation_sets(folder: Path) -> None:
     n_clouds = len(clouds.training("elevations")) + len(clouds.validation("elevations"))
     (manifest,) = (json.loads(path.read_text()) for path in folder.glob("clouds/elevation/manifest.json"))
     n_blank = sum(blank["n_views"] for blank in manifest["blank_views"].values())
-    assert manifest["counts"]["clouds"] + n_blank == clouds.n_clouds
+    assert manifest["counts"]["clouds"] + n_blank == clouds.max_clouds
     assert 40 * 8 - n_blank <= n_clouds <= 40 * 8
     assert len(set(clouds.training("objects").object_ids)) == 24
 

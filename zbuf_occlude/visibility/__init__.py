@@ -27,7 +27,7 @@ METHODS = Methods(
         ),
         Method(
             "exact",
-            "exact image-space visibility on the CPU: the oracle's answers, nearly always faster than a ray caster",
+            "exact image-space visibility on the CPU: the oracle's answers, mostly faster than a ray caster",
             "zbuf_occlude.visibility.exact:prepare",
             exact=True,
         ),
@@ -39,7 +39,7 @@ METHODS = Methods(
         ),
         Method(
             "exact_gl",
-            "exact image-space visibility on the GPU: an irregular z-buffer in compute shaders, equal to the oracle",
+            "exact image-space visibility on the GPU: an irregular z-buffer in compute shaders, as the oracle",
             "zbuf_occlude.visibility.exact_gl:prepare",
             exact=True,
             needs_gl=True,
