@@ -1,17 +1,17 @@
 #!/bin/bash
-# A SLURM array that makes one dataset: each task makes its share of the groups of files, wherever it runs.
+# A SLURM array that makes one dataset: each task makes its share of the shards, wherever it runs.
 #
 #     array=$(sbatch --parsable --array=0-15 slurm_array.sh OUT [generate's arguments...])
 #     sbatch --dependency=afterok:$array --wrap "zbuf-occlude merge OUT"
 #
-# The tasks write the final files; `merge` writes the lists and the manifest. A group has some 8,000 clouds, and a task
-# without a group has nothing to do.
+# The tasks write the final files; `merge` writes the lists and the manifest. A shard is a set of whole meshes
+# with the files of their clouds; a task without a shard has nothing to do.
 #
 # OUT must be on a file system that all nodes share. The array must be without gaps (0-15, not 0-15:2); it may be of any
 # size, and larger than the number of nodes. Submit the same line again to resume after a failure: what is done
 # stays done. `zbuf-occlude status OUT` says how far it is.
 #
-# What is compiled in the first run is kept beside the package or in ~/.cache/numba. Where nodes can write neither, or to keep
+# What is compiled in the first run is kept beside the package or in ~/.cache/zbuf_occlude. Where nodes can write neither, or to keep
 # it out of a shared home, export NUMBA_CACHE_DIR, a folder that nobody but you can write: what lies there is run.
 #
 #SBATCH --job-name=zbuf-occlude

@@ -15,7 +15,7 @@ import pytest
 
 from tests.cli.conftest import write_off
 from tests.dataset.test_export import recipe_for
-from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
+from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError, OptionError
 from zbuf_occlude.dataset import plan as plans
 from zbuf_occlude.dataset.folder import locked, partition_files
 from zbuf_occlude.dataset.formats import FORMATS
@@ -214,6 +214,15 @@ def test_a_full_disk_ends_the_run_and_the_same_command_resumes(
     assert not list((tmp_path / "out").rglob("*.part"))
     generate(plan, tmp_path / "out")
     assert files(tmp_path / "out") == whole
+
+
+def test_a_share_overwrites_nothing(plan: Plan, tmp_path: Path) -> None:
+    """The second share would remove what the first has made."""
+    generate(plan, tmp_path / "out", share=(0, 3))
+    made = files(tmp_path / "out")
+    with pytest.raises(OptionError, match="--overwrite must go with the whole dataset"):
+        generate(plan, tmp_path / "out", share=(1, 3), overwrite=True)
+    assert files(tmp_path / "out") == made
 
 
 def test_two_runs_at_a_time_are_refused_and_shares_are_not(plan: Plan, tmp_path: Path) -> None:

@@ -151,6 +151,24 @@ def test_views_that_see_nothing_are_no_clouds(tmp_path: Path) -> None:
     assert [cloud.view_id for cloud in clouds] == [0, 2, 3, 5, 6] * 6
 
 
+def test_a_split_without_a_cloud_is_read_as_none(tmp_path: Path) -> None:
+    from zbuf_occlude.visibility import oracle
+
+    class Blind(oracle.Oracle):
+        def _visible(self, points: Any, eyes: Any) -> Any:
+            return np.zeros((len(eyes), len(points)), dtype=bool)
+
+    def prepare_oracle(mesh: Mesh, contact: float = 1e-5) -> oracle.Oracle:
+        return Blind(mesh, contact) if len(mesh.faces) == len(brick().faces) else oracle.Oracle(mesh, contact)
+
+    entries = [MeshEntry("seen", "ball", "train", ball), MeshEntry("unseen", "brick", "test", brick)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(oracle, "prepare", prepare_oracle)
+        document = generate(Plan(MeshCollection(entries), RECIPE, "packed"), tmp_path / "out")
+    assert list(document["counts"]["clouds_by_split"]) == ["train"]
+    assert open_dataset(tmp_path / "out").n_clouds == document["counts"]["clouds_by_split"]
+
+
 def test_any_unzip_reads_it(folder: Path) -> None:
     """The documented layout, read without this package's reader."""
     with zipfile.ZipFile(folder / "packed-000001.zip") as archive:  # the brick is the test split

@@ -31,7 +31,7 @@ from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packed import QUANT_LEVELS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import ShardReport, data_folder, make_shard, read_shard, read_shards, sidecar_path
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.gl.devices import explain_software_fallback
 from zbuf_occlude.provenance import versions
 from zbuf_occlude.visibility import find_method
@@ -110,6 +110,11 @@ def generate(
         The format cannot hold such a plan, or not here.
     """
     find_format(plan.format).check(plan)
+    if overwrite and share != (0, 1):
+        raise OptionError(
+            "--overwrite must go with the whole dataset; a share of it would remove what other shares have made. "
+            f"Leave it out, and remove {out} before the first share."
+        )
     if overwrite and removable(out):
         with locked(out):
             remove(out)
@@ -248,7 +253,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
             "views": len(plan.views),
             "variations": plan.recipe.variations,
             "clouds": counts.n_clouds,
-            "clouds_by_split": {split: whole.n_clouds[split] for split in plan.splits if split in whole.files},
+            "clouds_by_split": {split: n for split in plan.splits if (n := whole.n_clouds[split])},
             "views_that_see_nothing": counts.n_blind_views,
             "views_inside_the_bounding_box": counts.n_inside,
             "cameras_raised_above_the_ground": counts.n_raised,

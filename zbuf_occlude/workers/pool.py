@@ -206,7 +206,7 @@ class _Pool:
         if seat.mesh_id is not None:
             excess = self.limits.exceeded(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
             if excess:
-                excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}."
+                excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}, with --retry-failed."
                 seat.worker.kill()
                 self.lost[seat.mesh_id] = excess
                 self._put_back(seat, excess)
