@@ -3,6 +3,7 @@
 import gc
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -68,6 +69,8 @@ def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background; what tests interrupt must hear it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if OURS:
         config.add_cleanup(partial(shutil.rmtree, OURS, ignore_errors=True))
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
