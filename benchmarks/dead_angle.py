@@ -4,7 +4,7 @@
 
 For the built-in shapes and the meshes of folders, and for each the same as surfaces of voxels: how much of the surface
 is level or upright (within 10 degrees), and the areas of Fig. 12 that the visible part projects, in percent of an
-object's own largest over all elevations, means over the objects (`areas_seen` of
+object's own largest over all elevations, means over the objects (`visible_areas` of
 `zbuf_occlude.paper.experiments`).
 """
 
@@ -16,7 +16,7 @@ from common import heads, row, run
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.experiments import areas_seen, as_voxels
+from zbuf_occlude.paper.experiments import visible_areas, as_voxels
 
 NEAR = np.sin(np.radians(10.0))
 
@@ -35,7 +35,7 @@ def main(*folders: str, objects: int = 40, voxels: int = 30) -> None:
 def measure(name: str, meshes: Sequence[MeshEntry]) -> None:
     """Print a row of the table."""
     level, upright = np.mean([leaning(entry) for entry in meshes], axis=0)
-    elevations, shares = areas_seen(meshes)
+    elevations, shares = visible_areas(meshes)
     mean = dict(zip(elevations.tolist(), shares.mean(axis=0), strict=True))
     cells = [level, upright, mean[0][2], (mean[-10][2] + mean[10][2]) / 2, mean[0][0], mean[0][1]]
     row(name, len(meshes), *(f"{100 * cell:.0f} %" for cell in cells))

@@ -300,7 +300,7 @@ def calls_of_python(folder: Path) -> list[Call]:
                                                   "farthest": "number?"}),
         Call("for_mesh", for_mesh, {"mesh": cube, "spec": "ring:3@30"}, {"mesh": "mesh", "spec": "views"}),
         Call("Views", zo.Views, {"azimuth": [0.1], "elevation": [0.2], "distance": 3.0}, {"target": "vector"}),
-        Call("Scene.of", zo.Scene.of, {"mesh": cube}, {"mesh": "mesh", "label": "word"}),
+        Call("Scene.from_mesh", zo.Scene.from_mesh, {"mesh": cube}, {"mesh": "mesh", "label": "word"}),
         Call("Placed", Placed, {"mesh": cube, "label": "crate"},
              {"mesh": "mesh", "label": "word", "albedo": "number", "is_background": "flag"}),
         Call("make", made, {"name": CAMERA},

@@ -436,7 +436,7 @@ def used(path: Path) -> str:
             points = zo.sample_surface(crate, n_points=50)
             with zo.prepare(crate, "oracle") as occluder:
                 occluder.visible(points, views.eyes[:4])
-            views.select(np.arange(min(4, len(views)))).shows(points.positions)
+            views.select(np.arange(min(4, len(views)))).in_frustum(points.positions)
             numbers = views.poses
         return "read" if np.isfinite(numbers).all() else "fault: what is not finite came through"
 
