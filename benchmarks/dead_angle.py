@@ -16,7 +16,7 @@ from common import heads, row, run
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.experiments import visible_areas, as_voxels
+from zbuf_occlude.paper.experiments import as_voxels, visible_areas
 
 NEAR = np.sin(np.radians(10.0))
 
