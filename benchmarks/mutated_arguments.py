@@ -244,7 +244,7 @@ def calls_of_python(folder: Path) -> list[Call]:
         with tempfile.TemporaryDirectory() as place:
             return zo.write_frames(place, listed(cube, views, width=8, height=6), **options)
 
-    picture = {"width": "count", "height": "count", "fov": "number?", "method": "word"}
+    picture = {"width": "count?", "height": "count?", "fov": "number?", "method": "word"}
     small = {"width": 8, "height": 6}
     calls = [
         Call("occlude", zo.occlude, {"mesh": cube, **at, "n_points": 20},
@@ -302,7 +302,7 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("Views", zo.Views, {"azimuth": [0.1], "elevation": [0.2], "distance": 3.0}, {"target": "vector"}),
         Call("Scene.from_mesh", zo.Scene.from_mesh, {"mesh": cube}, {"mesh": "mesh", "label": "word"}),
         Call("Placed", Placed, {"mesh": cube, "label": "crate"},
-             {"mesh": "mesh", "label": "word", "albedo": "number", "is_background": "flag"}),
+             {"mesh": "mesh", "label": "word", "albedo": "number?", "is_background": "flag"}),
         Call("make", made, {"name": CAMERA},
              {"name": "sensor", "noise": "typed", "range_max": "typed", "width": "typed", "fov": "typed?"}),
         Call("make", made, {"name": "vlp-16"}, {"columns": "typed", "noise": "typed", "sigma": "typed"}),
