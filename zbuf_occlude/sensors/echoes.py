@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.arrays import FloatArray, IntArray, unit_vectors
 from zbuf_occlude.sensors.casting import cast
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.sensor import NoiseModel
@@ -130,11 +130,6 @@ def cast_beams(
     shape, back = (*beams.shape[:2], face_ids.shape[1]), np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
-
-
-def unit_vectors(vectors: FloatArray) -> FloatArray:
-    """Return vectors (n, 3) scaled to length 1; those of length 0 stay."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny))
 
 
 def perpendiculars(directions: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_number, as_numbers, as_vectors
+from zbuf_occlude.arrays import FloatArray, IntArray, as_number, as_numbers, as_vectors, unit_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.geometry.camera import as_rigid
 from zbuf_occlude.geometry.colors import barycentric, luminance
@@ -19,7 +19,7 @@ from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.casting import DynamicScene, normals_at, prepare_scene
 from zbuf_occlude.sensors.catalog import make
-from zbuf_occlude.sensors.echoes import cast_beams, echoes_of, unit_vectors
+from zbuf_occlude.sensors.echoes import cast_beams, echoes_of
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.noise import apply_noise
 from zbuf_occlude.sensors.poses import look_at

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.sensors.echoes import Echoes, unit_vectors
+from zbuf_occlude.sensors.echoes import Echoes
 from zbuf_occlude.sensors.noise import EDGE
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.sensor import Sensor
