@@ -18,6 +18,7 @@ interrupts.end_quietly()
 if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is first used
     from zbuf_occlude import scenes, sensors, views
     from zbuf_occlude.compare.scan_comparison import compare_scans
+    from zbuf_occlude.dataset.real.crops import crop_objects
     from zbuf_occlude.errors import (
         ArgumentError,
         DatasetError,
@@ -29,6 +30,7 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
     )
     from zbuf_occlude.geometry.mesh import Mesh
     from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
+    from zbuf_occlude.learn.models import load_classifier
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.load import load_mesh
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
@@ -60,8 +62,10 @@ __all__ = [
     "blockers",
     "compare_scans",
     "coverage",
+    "crop_objects",
     "depth_image",
     "frames",
+    "load_classifier",
     "load_mesh",
     "occlude",
     "occlusion_graph",
@@ -90,6 +94,8 @@ _HOMES = {
         "UnavailableError",
     ),
     "compare.scan_comparison": ("compare_scans",),
+    "dataset.real.crops": ("crop_objects",),
+    "learn.models": ("load_classifier",),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.load": ("load_mesh",),

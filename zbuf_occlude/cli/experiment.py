@@ -8,9 +8,9 @@ import click
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
+from zbuf_occlude.dataset.real.sydney import UPS
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
-from zbuf_occlude.paper.real_scans import UPS
 from zbuf_occlude.paper.results import read_study
 from zbuf_occlude.paper.study_report import tables_of_answers, write_study
 

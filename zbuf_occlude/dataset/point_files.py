@@ -1,31 +1,24 @@
-"""Point clouds as files: binary PLY, PCD 0.7 as Open3D and PCL read it, and a dataset exported as a PLY for each cloud.
+"""Point clouds as files: PLY, PCD 0.7 as Open3D and PCL read it, and CSV written; also .bin, .npy and .npz read."""
 
-    ply/SPLIT/CLASS/MESH-VARIATION-VIEW.ply     listed in SPLIT_files.txt
-
-Vertices of these are x, y, z (float32) and face_id (int32), of scans also range, incidence and so on; nx, ny, nz and
-red, green, blue where there are normals and colours. A comment in the header holds all other fields as JSON.
-"""
-
-import json
-import re
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import LONGEST, Exported
-from zbuf_occlude.dataset.folder import list_of
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.dataset.records import further_fields
-from zbuf_occlude.dataset.source import CloudReader
-from zbuf_occlude.geometry.cloud import RGB, columns_of
+from zbuf_occlude.errors import DatasetError, MeshError, describe, escape_control
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.cloud import columns_of
+from zbuf_occlude.meshes.load import warn_of_foreign_lines
+from zbuf_occlude.meshes.ply import read_ply_points
 
 TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
-PROPERTIES = {"data": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": RGB}
-"""Fields that are several properties of a vertex."""
+READABLE = (".ply", ".pcd", ".bin", ".npy", ".npz")
+"""Suffixes of the files that `read_points` reads."""
+MOST_BYTES = 2_000_000_000
+"""Maximum size of a file that is read."""
 _PCD_HEADER = """# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
 FIELDS {names}
@@ -38,6 +31,74 @@ VIEWPOINT 0 0 0 1 0 0 0
 POINTS {n}
 DATA binary
 """
+
+
+def read_points(path: Path) -> FloatArray:
+    """Read the points (n, 3) of a cloud in its file's frame and unit; points not finite or at the origin are left out.
+
+    Parameters
+    ----------
+    path : Path
+        PLY without faces; PCD; ``.bin`` of KITTI (x, y, z, intensity as float32) or, where the name ends in
+        ``.pcd.bin``, of nuScenes (and ring); ``.npy``: (n, 3 or more), or structured with x, y, z as `Cloud.save`
+        writes; ``.npz`` with ``points``.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be read, has another format, has no points, or has coordinates beyond `LARGEST`.
+    UnavailableError
+        PCD without Open3D.
+    """
+    name, suffix = escape_control(str(path)), path.suffix.lower()
+    if suffix not in READABLE:
+        raise DatasetError(f"{name}: a cloud must end in one of {', '.join(READABLE)}.")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise DatasetError(f"{name}: a cloud must have at most {MOST_BYTES:,} bytes.")
+        points = _read(path, suffix)
+    except (OSError, ValueError, KeyError, MeshError) as error:
+        raise DatasetError(f"{name}: cannot read the points: {escape_control(describe(error))}") from None
+    return real_points(points, name)
+
+
+def real_points(points: FloatArray, name: str) -> FloatArray:
+    """Return the points that are finite and not at the origin, where sensors put what did not return.
+
+    Raises DatasetError, with `name`, where none is left or one is beyond `LARGEST`.
+    """
+    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    if not len(points):
+        raise DatasetError(f"{name} must have points; it has none.")
+    if (np.abs(points) > LARGEST).any():
+        raise DatasetError(f"{name}: coordinates must be below {LARGEST:g}; one is {np.abs(points).max():g}. Clean it.")
+    return points
+
+
+def _read(path: Path, suffix: str) -> FloatArray:
+    if suffix == ".ply":
+        data = path.read_bytes()
+        vertices = read_ply_points(data)
+        warn_of_foreign_lines(path, data)
+        if vertices is None:
+            raise ValueError("it has faces: it is a mesh")
+        return vertices
+    if suffix == ".pcd":
+        with importing("open3d", "reading PCD"):
+            import open3d
+        return np.asarray(open3d.io.read_point_cloud(path).points, dtype=np.float64)
+    if suffix == ".bin":
+        columns, data = 5 if path.name.lower().endswith(".pcd.bin") else 4, path.read_bytes()
+        if len(data) % (4 * columns):
+            raise ValueError(f"it must hold {columns} float32 numbers per point; it has {len(data)} bytes")
+        return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
+    loaded: Any = np.load(path, allow_pickle=False)
+    table = loaded["points"] if suffix == ".npz" else loaded
+    if table.dtype.names is not None:
+        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
+        raise ValueError(f"it must hold rows of x, y, z; it has {table.dtype} of shape {table.shape}")
+    return np.asarray(table[:, :3], np.float64)
 
 
 def write_ply(
@@ -98,40 +159,3 @@ def write_pcd_columns(
     repeated = {key: " ".join(word * len(names)) for key, word in (("sizes", "4"), ("types", "F"), ("counts", "1"))}
     header = _PCD_HEADER.format(n=len(table), names=" ".join(names), **repeated)
     atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=synced)
-
-
-def export(source: CloudReader, out: Path) -> Exported:
-    """Write a PLY per cloud, and for each split the list of its files."""
-    files = dict[str, list[str]]()
-    for split in source.order:
-        files[split] = []
-        for records in source.batches(split):
-            for record in records:
-                name = _name(source.plan, record)
-                (out / name).parent.mkdir(parents=True, exist_ok=True)
-                _write_cloud(out / name, record, source.plan.recipe)
-                files[split].append(name)
-        atomic.write_lines(out / list_of(split), files[split])
-    return Exported(files, source.n_clouds)
-
-
-def _name(plan: Plan, record: Any) -> str:
-    mesh_id, variation, view = (int(record[name]) for name in ("mesh_id", "variation", "view_id"))
-    entry = plan.meshes[mesh_id]
-    stem = re.sub(r"[^\w.+-]", "_", PurePosixPath(entry.key).stem)[:LONGEST]
-    label = re.sub(r"[^\w+-]", "_", entry.label)[:LONGEST]
-    return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
-
-
-def _write_cloud(path: Path, record: Any, recipe: DatasetConfig) -> None:
-    fields = further_fields(recipe)
-    single = [(name, kind) for name, (kind, shape) in fields.items() if not shape]
-    split = [(part, fields[name][0]) for name, parts in PROPERTIES.items() if name in fields for part in parts]
-    place = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")]
-    table = np.empty(len(record["data"]), [*place, *single, *split])
-    for name in ("data", *fields):
-        for part, values in zip(PROPERTIES.get(name, (name,)), np.atleast_2d(record[name].T), strict=True):
-            table[part] = values
-    table["face_id"] = record["face_ids"]
-    facts = {name: record[name].tolist() for name in record.dtype.names if name not in ("data", "face_ids", *fields)}
-    write_table(path, table, comment=json.dumps(facts), synced=False)

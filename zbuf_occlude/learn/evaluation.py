@@ -82,14 +82,14 @@ class Confusion:
             "confusion": self.counts.tolist(),
         }
 
-    def write(self, folder: Path, name: str = "evaluation") -> None:
-        """Write `name`.json and `name`.png into a folder, which is created."""
+    def write(self, folder: Path, name: str = "evaluation", **more: Any) -> None:
+        """Write `name`.json, with `more` in it, and `name`.png into a folder, which is created."""
         folder.mkdir(parents=True, exist_ok=True)
         figure = self.plot()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the JSON has the names
             atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
-        atomic.write_json(folder / f"{name}.json", self.to_dict())
+        atomic.write_json(folder / f"{name}.json", self.to_dict() | more)
 
     def plot(self) -> Figure:
         """Plot the confusion matrix: shades are fractions of the true class, numbers are clouds."""

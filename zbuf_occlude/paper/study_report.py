@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from zbuf_occlude.dataset.real.sydney import SOURCE, VEHICLES
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.drawing.pictures import GREY, canvas
 from zbuf_occlude.errors import ArgumentError, DatasetError
@@ -51,7 +52,6 @@ from zbuf_occlude.paper.design import (
     paper_name,
     printed,
 )
-from zbuf_occlude.paper.real_scans import SOURCE, VEHICLES
 from zbuf_occlude.paper.results import (
     AREAS,
     PICTURE,

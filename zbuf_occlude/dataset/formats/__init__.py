@@ -162,7 +162,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("webdataset", "tar shards for streaming", ragged=True),
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
-    Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True, module="point_files"),
+    Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True),
     Format(
         "frames",
         "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
