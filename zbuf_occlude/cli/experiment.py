@@ -1,4 +1,4 @@
-"""Commands `paper elevation|augmentation|table3|realism` (old name `experiment`): experiments with classifiers."""
+"""Commands `paper elevation|augmentation|table3|realism|real` (old name `experiment`): experiments with classifiers."""
 
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from zbuf_occlude.studies.paper.design import (
     ELEVATION,
     FULL,
     QUICK,
+    REAL,
     REALISM,
     Progress,
     changed,
@@ -31,6 +32,7 @@ UNUSED = {
     AUGMENTATION: {"real"},
     BOTH: {"real", "epochs"},
     REALISM: {"scans", "scans_up", "budgets"},
+    REAL: {"scans", "scans_up", "budgets", "modelnet", "voxels", "real"},
 }
 """Options that an experiment does not use; those of `BOTH` have different epochs."""
 TEXTS = {
@@ -47,6 +49,12 @@ TEXTS = {
 
     Classifiers are trained on uniform occluded clouds, on LiDAR scans of single objects, on LiDAR scans in streets, or
     on scans by a depth camera with two eyes. Each is tested on all four kinds, and on real objects.""",
+    REAL: """Train classifiers on generated clouds and test them on the objects of a real drive (4.4, Test 3).
+
+    DIR: labelled sweeps in the layout of KITTI, Argoverse 2 or nuScenes. Road users of the built-in shapes become
+    complete clouds, occluded clouds, and scans by an HDL-64E in streets. Classifiers are trained on each, on complete
+    and occluded clouds, and on complete clouds and scans; on scans also with the azimuths of traffic, and with clouds
+    in metres. They are tested on the labelled objects of the drive, and on simulated scans held out.""",
 }
 TEXT = """
 
@@ -67,6 +75,7 @@ TEXT = """
       zbuf-occlude paper table3 --quick --out study
       zbuf-occlude paper augmentation --quick --budget clouds --budget epochs --models voxnet --out budgets
       zbuf-occlude paper elevation --quick --voxels 30 --seeds 3 --out voxels
+      zbuf-occlude paper real kitti/training --quick --out real
       zbuf-occlude paper augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
 """
 
@@ -134,7 +143,10 @@ def experiment_command(name: str, **options: Any) -> None:
 def experiment_named(name: str) -> click.Command:
     """Return the command that runs an experiment."""
     options = {str(parameter.name) for parameter in experiment_command.params} - {"name"} - UNUSED[name]
-    return derived(experiment_command, name, options, run_experiment, TEXTS[name] + TEXT)
+    command = derived(experiment_command, name, options, run_experiment, TEXTS[name] + TEXT)
+    if name == REAL:
+        command.params.insert(0, click.Argument(["real"], type=click.Path(path_type=Path), metavar="DIR"))
+    return command
 
 
 def run_experiment(

@@ -17,6 +17,7 @@ COMMANDS = {
     "elevation": "4.2, Table 3A: classifiers against the camera's elevation.",
     "augmentation": "4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.",
     "table3": "Tables 3A and 3B: `elevation` and `augmentation`.",
+    "real": "4.4, Test 3: generated clouds as training for the objects of a real drive.",
     "realism": "Not in the paper: classifiers on scans by a LiDAR, in streets, by a depth camera.",
     "fig4": "Fig. 4: division of large faces.",
     "fig7": "Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.",

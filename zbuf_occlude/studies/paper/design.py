@@ -73,6 +73,16 @@ streets; scans of single objects by a depth camera with two eyes."""
 OWN, MATCHED = COUNTS = ("own", "matched")
 """Numbers of points of these clouds: their own, or that of the smallest kind of the same object and view."""
 
+REAL = "real"
+"""Name of the experiment with real objects."""
+COMPLETE, OCCLUDED, LIDAR = "complete", "occluded", "lidar"
+COMPLETE_AND_OCCLUDED, COMPLETE_AND_SCANS = "complete+occluded", "complete+lidar"
+"""Training sets of `REAL`: the paper's three, LiDAR scans in streets, and complete clouds with these."""
+ALL_AROUND, DRIVE = "around", "drive"
+"""Laws of the azimuth of scans: uniform, or that of traffic."""
+REAL_OBJECTS, SIMULATED = "real-objects", "simulated"
+"""Tests of `REAL`."""
+
 FEWEST_OBJECTS = 5
 """Minimum objects per class where objects are held out: three to train, one to validate, one to test."""
 

@@ -136,7 +136,11 @@ def _voxel_origin(of: MeshSource, n: int) -> MeshSource:
 
 def _paper_objects(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
     """Return the first of the paper's 75 meshes of each class: `shares` of them in the splits train, val and test."""
-    meshes = seventy_five_each(meshes)
+    return first_of_each(seventy_five_each(meshes), shares)
+
+
+def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
+    """Return the first meshes of each class: `shares` of them in the splits train, val and test."""
     left = {(label, split): n for label in meshes.classes for split, n in zip(SPLITS, shares, strict=True)}
     entries = []
     for entry in meshes:

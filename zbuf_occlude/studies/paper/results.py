@@ -17,20 +17,23 @@ from zbuf_occlude.studies.paper.design import (
     BUDGETS,
     ELEVATION,
     HSR,
+    REAL,
     REALISM,
     TABLE_3A,
     TEST_ELEVATIONS,
     paper_name,
 )
 
-FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
-"""Parts of a study's folder: results (a JSON file per trial), description, visible areas, picture of real scans."""
+FOLDER, STUDY, AREAS, PICTURE, REAL_PICTURE = "results", "study.json", "areas.json", "scans.png", "objects.png"
+"""Parts of a study's folder: results (a JSON file per trial), description, visible areas, pictures of real scans and of
+real objects beside simulated ones."""
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},
     AUGMENTATION: {"model": str, "set": int, "points": int, "budget": str, "seed": int},
     HSR: {"model": str, "method": str, "points": int, "budget": str, "seed": int},
     REALISM: {"model": str, "trained_on": str, "counts": str, "seed": int},
+    REAL: {"model": str, "trained_on": str, "azimuths": str, "scale": str, "seed": int},
 }
 _REPORTED: dict[str, type | tuple[type, ...]] = {
     "n_parameters": int, "n_training": int, "epochs": int, "seconds": (int, float), "machine": str, "device": str,

@@ -15,14 +15,14 @@ import numpy as np
 import torch
 
 from zbuf_occlude.base import atomic
-from zbuf_occlude.base.errors import DatasetError, UnavailableError
+from zbuf_occlude.base.errors import DatasetError, OptionError, UnavailableError
 from zbuf_occlude.base.provenance import n_cores, versions
 from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
 from zbuf_occlude.studies.compare.child import Child, ChildFailed, report_progress
 from zbuf_occlude.studies.compare.run import machine
 from zbuf_occlude.studies.learn.evaluation import evaluate
 from zbuf_occlude.studies.learn.training import Epoch, TrainConfig, train
-from zbuf_occlude.studies.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
+from zbuf_occlude.studies.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REAL, REALISM, Progress, Size
 from zbuf_occlude.studies.paper.experiments import (
     Augmentation,
     Elevation,
@@ -32,6 +32,7 @@ from zbuf_occlude.studies.paper.experiments import (
     find_objects,
     is_modelnet10,
 )
+from zbuf_occlude.studies.paper.real_objects import RealObjects
 from zbuf_occlude.studies.paper.real_scans import check_scans, picture_of_scans, read_objects
 from zbuf_occlude.studies.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
 
@@ -69,7 +70,7 @@ def run_study(
     scans_up : str, optional
         Up direction of the scans, one of `UPS`. Default: found from the scans.
     real : Path, optional
-        Labelled sweeps of real drives, for one more test of `REALISM`.
+        Labelled sweeps of real drives: the test of `REAL`, and one more of `REALISM`.
     budgets : sequence of str
         As in `Augmentation`; a budget given later is added to the results.
     voxels : int, optional
@@ -83,7 +84,7 @@ def run_study(
     DatasetError
         The folder holds another study, or `scans` or `real` is not such a dataset.
     OptionError
-        `voxels` is out of range.
+        `voxels` is out of range, or `REAL` has no `real`.
     MeshError
         `modelnet` is neither dataset, or no mesh of a class can be used.
     """
@@ -92,7 +93,7 @@ def run_study(
         check_scans(scans)  # raises before hours of work
         said = f"{scans_up} of the files is up, by --sydney-up."
         turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(find_scans(scans))
-    if real is not None:
+    if real is not None and REALISM in experiments:
         read_objects(real, 1)  # raises before hours of work
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
     objects = "built-in shapes"
@@ -107,6 +108,11 @@ def run_study(
         chosen.append(Augmentation(meshes, size, folder, turned and (turned[0], turned[1].up), budgets))
     if REALISM in experiments:
         chosen.append(Realism(meshes, size, folder, real))
+    if REAL in experiments:
+        if real is None:
+            raise OptionError(f"real must be a folder of labelled sweeps for the experiment {REAL}; got None.")
+        chosen.append(RealObjects(size, folder, real))
+        objects = "built-in road users"
     study = _open_study(folder, size, objects)
     if turned:
         _note_scans(folder, study, *turned)
@@ -220,6 +226,7 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
         batch_size=size.batch_size,
         patience=max(1, round(size.patience * epochs)),
         seed=int(trial.facts["seed"]),
+        scale=str(trial.facts.get("scale", "cloud")),
     )
 
     def after(epoch: Epoch) -> None:

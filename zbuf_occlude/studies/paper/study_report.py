@@ -36,6 +36,8 @@ from zbuf_occlude.studies.paper.design import (
     MOST_POINTS,
     ORIGINAL,
     OWN,
+    REAL,
+    REAL_OBJECTS,
     REALISM,
     SCANS,
     SCENES,
@@ -52,9 +54,11 @@ from zbuf_occlude.studies.paper.design import (
     paper_name,
     printed,
 )
+from zbuf_occlude.studies.paper.real_report import plot_confusions, table_by_range, table_real
 from zbuf_occlude.studies.paper.results import (
     AREAS,
     PICTURE,
+    REAL_PICTURE,
     Result,
     budgets_of,
     models_of,
@@ -80,6 +84,11 @@ CAPTIONS = {
         "Real scans",
         "The largest scans of some classes from the side: wheels and trunks must be below.",
     ),
+    REAL: (
+        "Answers about real objects",
+        "Each model with its best training set: fractions of each class, all seeds together.",
+    ),
+    REAL_OBJECTS: ("Real and simulated", "Real objects, and below each the simulated scan nearest in range."),
     HSR: ("Methods", "Trained on the clouds of one method, tested on those of each: bars are means, dots seeds."),
 }
 COLOURS = {"voxnet": "#0072b2", "pointnet": "#d55e00", "threedmfv": "#009e73"}
@@ -126,6 +135,9 @@ def write_study(folder: Path) -> list[Path]:
     ends = [departures(study)] if sections else []  # for the experiments of the paper
     if select_results(results, REALISM):
         sections += [table_realism(results, study["realism"]), table_of_clouds(study["realism"])]
+    if select_results(results, REAL):
+        sections += [table_real(results, study[REAL]), captioned(REAL, as_png(plot_confusions(results)))]
+        sections += [table_by_range(results), captioned(REAL_OBJECTS, (folder / REAL_PICTURE).read_bytes())]
     sections += [table_of_trainings(results), *ends]
     facts = [facts_of_study(study, results)]
     return write_pages(folder, "study", TITLE, answers=[], facts=facts, sections=sections)
@@ -139,6 +151,7 @@ def tables_of_answers(folder: Path) -> list[Table]:
         HSR: lambda: table_methods(results, {}),
         ELEVATION: lambda: dead_angle(results, None),
         REALISM: lambda: table_realism(results, study["realism"]),
+        REAL: lambda: table_real(results, study[REAL]),
     }
     return [replace(table(), note="") for name, table in tables.items() if select_results(results, name)]
 

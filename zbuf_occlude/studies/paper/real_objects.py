@@ -1,0 +1,212 @@
+"""Experiment `real`: which generated clouds train classifiers of real objects; the paper's Test 3 (4.4) on real drives.
+
+Road users of the built-in shapes are made into complete clouds, occluded ones and simulated LiDAR scans. Classifiers
+that are trained on them are tested on the labelled objects of real sweeps, and on simulated scans held out.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial, reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.datasets.cloud_folder import OBJECTS
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.real.crops import crop_objects
+from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.shapes import traffic
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
+from zbuf_occlude.studies.paper.design import (
+    ALL_AROUND,
+    COMPLETE,
+    COMPLETE_AND_OCCLUDED,
+    COMPLETE_AND_SCANS,
+    DRIVE,
+    LIDAR,
+    OCCLUDED,
+    REAL,
+    REAL_OBJECTS,
+    SIMULATED,
+    Size,
+)
+from zbuf_occlude.studies.paper.experiments import Experiment, epochs_for, first_of_each
+from zbuf_occlude.studies.paper.results import REAL_PICTURE, Trial
+
+SENSOR = "hdl-64e"
+"""LiDAR of the scans: that of KITTI."""
+RANGE = (5.0, 50.0)
+HIDDEN = (0.0, 0.6)
+"""Share of an object that others in its street hide."""
+LEAST_POINTS = 40
+"""Least points of an object, real or simulated."""
+CLASSES = {
+    "car": ("Car", "REGULAR_VEHICLE", "vehicle.car"),
+    "cyclist": ("Cyclist", "BICYCLIST"),
+    "pedestrian": ("Pedestrian", "PEDESTRIAN", "human.pedestrian.*"),
+    "truck": ("Truck", "BUS", "BOX_TRUCK", "SCHOOL_BUS", "TRUCK", "vehicle.truck", "vehicle.bus.*"),
+    "van": ("Van", "LARGE_VEHICLE"),
+}
+"""Labels of each class in KITTI, Argoverse 2 and nuScenes. A truck is any large vehicle, and so a bus too."""
+MERGED = {"bus": "truck"}
+"""Classes of the shapes that are part of another one here."""
+BANDS = ((5.0, 20.0), (20.0, 35.0), (35.0, 50.0))
+"""Ranges by which the answers about real objects are told apart, metres."""
+SHOWN = 4
+"""Real and simulated clouds of each class in the picture."""
+DRAWN_FROM = np.array([9.0, -12.0, 4.0])
+"""Place of the picture's eye, from the middle of a cloud, metres."""
+
+SETS = {
+    COMPLETE: (COMPLETE,),
+    OCCLUDED: (OCCLUDED,),
+    COMPLETE_AND_OCCLUDED: (COMPLETE, OCCLUDED),
+    LIDAR: (LIDAR,),
+    COMPLETE_AND_SCANS: (COMPLETE, LIDAR),
+}
+"""Kinds of clouds in each training set."""
+RECIPES = (
+    *((name, ALL_AROUND, "cloud") for name in SETS),
+    (LIDAR, DRIVE, "cloud"),
+    (LIDAR, ALL_AROUND, "metres"),
+    (LIDAR, DRIVE, "metres"),
+)
+"""Training sets with the azimuths of the scans, and the scale of the clouds."""
+
+
+class RealObjects(Experiment):
+    """Datasets of road users, and classifiers trained on them and tested on the objects of a real drive."""
+
+    def __init__(self, size: Size, folder: Path, real: Path) -> None:
+        super().__init__(size, folder)
+        renamed = [replace(entry, label=MERGED.get(entry.label, entry.label)) for entry in traffic.collection()]
+        self.real, self.meshes = real, first_of_each(MeshCollection(renamed), size.shares)
+
+    @property
+    def crops(self) -> Path:
+        """Folder of the real objects."""
+        return self.dataset_folder(REAL_OBJECTS)
+
+    def plans(self) -> dict[str, Plan]:
+        """Return the plans of complete clouds, of occluded ones, and of scans with both laws of the azimuth."""
+        n_points, n_views = self.size.n_points[-1], self.size.views
+        common: dict[str, Any] = {"method": "exact", "sample_size": n_points, "scale": "mesh"}
+        uniform = common | {"n_points": self.size.sampled, "views": f"random:{n_views}@0..30"}
+        scan = ScanConfig(
+            make(SENSOR).to_dict(),
+            range=RANGE,
+            size="file",
+            method=default_caster(),
+            scene="street",
+            hidden=HIDDEN,
+        ).to_dict()
+        scans = common | {"scanning": scan, "least_points": LEAST_POINTS}
+        configs = {
+            COMPLETE: DatasetConfig(**uniform, complete=True),
+            OCCLUDED: DatasetConfig(**uniform),
+            f"{LIDAR}-{ALL_AROUND}": DatasetConfig(**scans, views=f"random:{n_views}@0"),
+            f"{LIDAR}-{DRIVE}": DatasetConfig(**scans, views=f"drive:{n_views}"),
+        }
+        return {f"{REAL}-{name}": Plan(self.meshes, config) for name, config in configs.items()}
+
+    def make_datasets(self, progress: Callable[[int], None]) -> dict[str, str]:
+        """Make the datasets, the crops of the real objects, and the picture of both; as `Experiment.make_datasets`."""
+        if not (self.crops / OBJECTS).exists():  # first: errors of the sweeps show before hours of work
+            classes = {name: list(labels) for name, labels in CLASSES.items()}
+            crop_objects(self.real, self.crops, classes=classes, least_points=LEAST_POINTS, range=RANGE)
+        failures = super().make_datasets(progress)
+        picture = picture_of_objects(self.tested(), self.simulated("test"))
+        atomic.write(self.folder / REAL_PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
+        return failures
+
+    def training(self, name: str, azimuths: str, split: str) -> CloudSet:
+        """Return the clouds of a training set, one of `SETS`, and a split."""
+        parts = []
+        for kind in SETS[name]:
+            dataset = f"{kind}-{azimuths}" if kind == LIDAR else kind
+            parts.append(self.load_split(f"{REAL}-{dataset}", split, self.size.n_points[-1]))
+        return reduce(CloudSet.concatenate, parts)
+
+    def simulated(self, split: str) -> CloudSet:
+        """Return the scans with the azimuths of traffic in a split."""
+        return self.training(LIDAR, DRIVE, split)
+
+    def tested(self, low: float = 0.0, high: float = np.inf) -> CloudSet:
+        """Return the real objects from `low` to below `high` metres from the sensor, with the classes of the shapes."""
+        clouds = _read_crops(self.crops, self.size.n_points[-1]).with_classes(self.meshes.classes)
+        ranges = np.asarray(clouds.ranges)
+        return clouds.subset((ranges >= low) & (ranges < high))
+
+    def trials(self) -> list[Trial]:
+        """Return the trials of `RECIPES`, ordered by seed."""
+        return [
+            Trial(
+                REAL,
+                {"model": model, "trained_on": name, "azimuths": azimuths, "scale": scale, "seed": seed},
+                partial(self.training, name, azimuths, "train"),
+                partial(self.training, name, azimuths, "val"),
+                self._tests(),
+                partial(epochs_for, self.size.passes),
+            )
+            for seed in self.size.seeds
+            for model in self.size.models
+            for name, azimuths, scale in RECIPES
+        ]
+
+    def _tests(self) -> dict[str, Callable[[], CloudSet]]:
+        by_range = {f"{REAL_OBJECTS} {low:g}-{high:g} m": partial(self.tested, low, high) for low, high in BANDS}
+        return {REAL_OBJECTS: self.tested, SIMULATED: partial(self.simulated, "test"), **by_range}
+
+    def notes(self) -> dict[str, Any]:
+        """Return facts about the test for the report."""
+        clouds = self.tested()
+        counts = np.bincount(clouds.labels, minlength=len(clouds.classes)).tolist()
+        return {
+            REAL: {
+                "objects": dict(zip(clouds.classes, counts, strict=True)),
+                "sweeps": len(np.unique(clouds.group_ids)),
+                "sensor": SENSOR,
+                "range": RANGE,
+                "least": LEAST_POINTS,
+                "training": {name: len(self.training(name, ALL_AROUND, "train")) for name in SETS},
+            }
+        }
+
+
+@lru_cache(1)
+def _read_crops(folder: Path, n_points: int) -> CloudSet:
+    """Read the real objects as clouds of equal size, metres."""
+    clouds = load_clouds(folder, "test", n_points)
+    if not len(clouds):
+        raise DatasetError(f"The sweeps have no object of {', '.join(CLASSES)} with {LEAST_POINTS} points.")
+    return clouds
+
+
+def picture_of_objects(real: CloudSet, simulated: CloudSet) -> Figure:
+    """Draw some real objects of each class, above them the simulated ones nearest to them in range."""
+    labels = np.unique(real.labels).tolist()
+    figure, panels = new_figure(2 * len(labels), SHOWN, panel=1.8)
+    for row, label in enumerate(labels):
+        mine, theirs = (np.flatnonzero(each.labels == label) for each in (real, simulated))
+        order = mine[np.argsort(np.asarray(real.ranges)[mine])]
+        for column, number in enumerate(order[np.linspace(0, len(order) - 1, SHOWN).astype(int)]):
+            range_here = float(np.asarray(real.ranges)[number])
+            twin = theirs[np.abs(np.asarray(simulated.ranges)[theirs] - range_here).argmin()] if len(theirs) else None
+            pairs = [("real", real.positions[number])]
+            if twin is not None:
+                pairs.append(("simulated", simulated.positions[twin]))
+            for part, (word, positions) in enumerate(pairs):
+                axes = panels[2 * row + part, column]
+                points = np.unique(positions, axis=0)
+                middle = points.mean(axis=0)
+                draw_cloud(axes, points, eye=middle + DRAWN_FROM, target=middle)
+                axes.set_title(f"{real.classes[label]}, {word}, {range_here:.0f} m", fontsize=7)
+    return figure
