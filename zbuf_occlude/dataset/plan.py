@@ -124,7 +124,8 @@ class DatasetConfig:
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
         Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
-        Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
+        Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked,
+        and no sensor scans: with `scanning` the whole object stands before the sensor, in metres.
     scanning : mapping or None
         The fields of a `zbuf_occlude.sensors.setup.ScanConfig`: a sensor's first hits instead of points on the surface.
     overlap : (float, float) or None
@@ -185,6 +186,8 @@ class DatasetConfig:
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
+        if BOXES in self.attributes and self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
         if "colors" in self.attributes and (lacking := missing("PIL")):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import as_flag
-from zbuf_occlude.errors import ArgumentError, OptionError, check_choice, find_row, shown
+from zbuf_occlude.errors import ArgumentError, OptionError, check_choice, check_int, find_row, shown
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes, sizes_of
 from zbuf_occlude.sensors.motion import Motion
@@ -24,6 +24,8 @@ KEEPS = ("target", "box", "all")
 """Values of `ScanConfig.keep`, without the perturbations of a box."""
 PERTURBATIONS = {"shift": 0.0, "rotate": False, "scale": False}
 """Perturbations of a box that is kept, with their defaults. ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
+LEAST_POINTS = 16
+"""Default of `ScanConfig.least_points`: of fewer distinct points a cloud shows hardly anything of its object."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class ScanConfig:
         Share of light that materials let pass, by name, which may contain ``*``. None: the file's own share.
     motion : mapping or None
         Motion of the sensor during a scan: the arguments of `Motion`.
+    least_points : int
+        Scans of fewer distinct points give no cloud. 0: all that have two points or more.
 
     Raises
     ------
@@ -76,6 +80,7 @@ class ScanConfig:
     method: str = "exact"
     transparent: Mapping[str, float | None] = field(default_factory=dict)
     motion: Mapping[str, Any] | None = None
+    least_points: int = LEAST_POINTS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
@@ -86,6 +91,7 @@ class ScanConfig:
             if not isinstance(word, str):
                 raise OptionError(f"{name} must be a word; got {shown(word)}.")
         as_flag(self.keep_clean, "keep_clean")
+        check_int("least_points", self.least_points, 0)
         find_method(self.method)
         self._check_spans()
         self._check_sensor_height()

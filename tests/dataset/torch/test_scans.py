@@ -1,9 +1,13 @@
 """Scans on the fly: another each time, by torch's seed, alone and in scenes."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.scenes import box
 from zbuf_occlude import shapes
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
 
@@ -70,3 +74,15 @@ def test_what_it_refuses() -> None:
     with pytest.raises(zo.MeshError, match=r"every material of pane lets all light pass\. Give one a share below 1"):
         OnTheFlyScan(10, transparent={"glass": 1.0})(clear, "car")
     assert OnTheFlyScan(10, transparent={"glass": 0.5}, method="embree")(clear, "car").shape == (10, 3)
+
+
+def test_scans_of_too_few_points_give_way(tmp_path: Path) -> None:
+    """Twelve rays meet a plate, wherever it is seen from: fewer than the default of 16."""
+    (tmp_path / "rays.csv").write_text("azimuth,elevation\n" + "".join(f"{-1.1 + 0.2 * i},0\n" for i in range(12)))
+    given: dict[str, Any] = {"sensor": tmp_path / "rays.csv", "range": 9.0, "size": 2.0, "method": "exact"}
+    with pytest.raises(zo.MeshError, match="only 12 distinct points, fewer than --least-points 16"):
+        OnTheFlyScan(10, **given)(box(), "box")
+    for least in (0, 12):
+        assert OnTheFlyScan(10, least_points=least, **given)(box(), "box").shape == (10, 3)
+    with pytest.raises(zo.OptionError, match="least_points must be an int from 0; got -1"):
+        OnTheFlyScan(10, least_points=-1)

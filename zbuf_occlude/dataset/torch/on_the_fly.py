@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_number
-from zbuf_occlude.dataset.pipeline import IN_ONE_PLACE, count_distinct
+from zbuf_occlude.dataset.pipeline import count_distinct, why_no_cloud
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import colors_of, draw, unit_box_transform
 from zbuf_occlude.dataset.torch.tensors import TensorMesh, is_dense, is_followed, place_of
@@ -28,7 +28,6 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
-from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import PAPER_DISTANCE, Views
@@ -393,7 +392,7 @@ class OnTheFlyScan:
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     **setup
-        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` of
+        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method`, `least_points` of
         `zbuf_occlude.sensors.setup.ScanConfig`.
 
     Raises
@@ -406,8 +405,8 @@ class OnTheFlyScan:
     Notes
     -----
     Called with a `Mesh` or a ``trimesh.Trimesh`` and its class, from which its size comes; returns an (n_points, 3)
-    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A scene may hide
-    all but two points of an object; `hidden` says how much it may hide.
+    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A place from
+    which a scan has fewer than `least_points` distinct points gives way to another one.
     """
 
     def __init__(
@@ -470,14 +469,14 @@ class OnTheFlyScan:
             places = sensor_views(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
-            if count_distinct(capture.scan.positions) > 1:  # centred and scaled, one place would be the origin
+            n_distinct = count_distinct(capture.scan.positions, self.setup.least_points)
+            if n_distinct >= max(2, self.setup.least_points):  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
                 if self.scale == "cloud":
                     centre, factor = unit_box_transform(positions)
                     positions = (positions - centre) * factor
                 return torch.from_numpy(positions.astype(np.float32))
-        sensor, method = self.setup.sensor_model, self.setup.method
-        why = IN_ONE_PLACE if len(seen) else why_empty(capture, sensor, method, self.setup.keep == "all").reason
+        why = why_no_cloud(capture, self.setup, places, 0, n_distinct)
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."
         )
