@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import ACROSS, HALVES, box
-from zbuf_occlude.dataset.source import open_dataset
+from zbuf_occlude.datasets.source import open_dataset
 
 ALONE = "--views ring:1@0 --size file --method exact --sample-size 8 --workers 1"
 PINHOLE = "--sensor pinhole:width=60,height=60,fov=90 --set-sensor range_min=0.8"

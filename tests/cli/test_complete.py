@@ -10,9 +10,9 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.source import open_dataset
+from zbuf_occlude.datasets.folder import read_finished
+from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.meshes import shapes
 
 SMALL = "--limit 2 --views ring:3@20 --points 2000 --sample-size 400 --workers 1"
 
@@ -94,7 +94,7 @@ def test_verify_finds_clouds_that_are_not_complete(run: Run, tmp_path: Path, sub
 
 def approve(out: Path, name: str) -> None:
     """Put the checksum of a changed file into the manifest."""
-    from zbuf_occlude.dataset.folder import sha256_of
+    from zbuf_occlude.datasets.folder import sha256_of
 
     manifest = json.loads((out / "manifest.json").read_text())
     manifest["sha256"][name] = sha256_of(out / name)
