@@ -74,8 +74,9 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--range",
             "range_",
-            metavar="M|A..B",
-            help="Distance of sensor and object, metres.  [default: from the views]",
+            metavar="M|A..B[@area]",
+            help="Distance of sensor and object, metres; drawn uniformly in range, or in area.  "
+            "[default: from the views]",
         ),
         click.option(
             "--size",

@@ -24,6 +24,8 @@ KEEPS = ("target", "box", "all")
 """Values of `ScanConfig.keep`, without the perturbations of a box."""
 PERTURBATIONS = {"shift": 0.0, "rotate": False, "scale": False}
 """Perturbations of a box that is kept, with their defaults. ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
+RANGE_LAWS = ("range", "area")
+"""Values of `ScanConfig.range_law`; with the text of a range, ``5..50@area``."""
 LEAST_POINTS = 16
 """Default of `ScanConfig.least_points`: of fewer distinct points a cloud shows hardly anything of its object."""
 
@@ -36,9 +38,12 @@ class ScanConfig:
     ----------
     sensor : mapping
         As `Sensor.to_dict()`.
-    range : (float, float), float, or None
-        Metres from the sensor to the centre of the target (along the ground where there is one), drawn uniformly from
-        two bounds. None: the distance of the view, in multiples of the target's size.
+    range : (float, float), float, str, or None
+        Metres from the sensor to the centre of the target (along the ground where there is one), drawn between two
+        bounds. None: the distance of the view, in multiples of the target's size. Text: ``A..B``, ``A..B@area``.
+    range_law : {"range", "area"}
+        Law of the ranges drawn: uniform in range, or in area, as objects on a plane are: the density of a range r is
+        proportional to r, and the share of ranges below r is (r^2 - A^2) / (B^2 - A^2).
     size : mapping of class to metres, metres, or "file"
         Longest sides (`zbuf_occlude.sensors.scenes.sizes.sizes_of`).
     scene : str
@@ -70,6 +75,7 @@ class ScanConfig:
 
     sensor: Mapping[str, Any]
     range: Sequence[float] | None = None
+    range_law: str = RANGE_LAWS[0]
     size: Sizes = field(default_factory=dict)
     scene: str = "none"
     objects: Sequence[Mapping[str, Any]] = ()
@@ -83,6 +89,11 @@ class ScanConfig:
     least_points: int = LEAST_POINTS
 
     def __post_init__(self) -> None:
+        if isinstance(self.range, str) and "@" in self.range:
+            span, _, law = self.range.partition("@")
+            object.__setattr__(self, "range", span)
+            object.__setattr__(self, "range_law", law)
+        check_choice("range law", self.range_law, RANGE_LAWS)
         object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
         for name, span in (("range", self.range), ("hidden", self.hidden)):
             if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # a plan's stay as they are

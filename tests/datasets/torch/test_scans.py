@@ -86,3 +86,17 @@ def test_scans_of_too_few_points_give_way(tmp_path: Path) -> None:
         assert OnTheFlyScan(10, least_points=least, **given)(box(), "box").shape == (10, 3)
     with pytest.raises(zo.OptionError, match="least_points must be an int from 0; got -1"):
         OnTheFlyScan(10, least_points=-1)
+
+
+def test_views_of_a_specification() -> None:
+    """From +x alone only that side of a long box is seen, half its length from its middle."""
+    given: dict[str, Any] = {"sensor": "vlp-32c", "numbers": {"noise": 0}, "range": 6.0, "size": 4.0, "method": "exact"}
+    cloud = OnTheFlyScan(300, views="ring:1@0", scale="mesh", **given)(box((4.0, 1.0, 1.0)), "box").numpy()
+    assert np.allclose(cloud[:, 0], 2.0, atol=1e-5)
+    torch.manual_seed(1)
+    either = OnTheFlyScan(300, views="ring:2@0", scale="mesh", **given)
+    sides = {round(float(either(box((4.0, 1.0, 1.0)), "box")[0, 0])) for _ in range(12)}
+    assert sides == {-2, 2}
+    assert OnTheFlyScan(9, views="drive:1", **given)(CAR, "car").shape == (9, 3)
+    with pytest.raises(zo.OptionError, match="views must be paper100"):
+        OnTheFlyScan(10, views="round")

@@ -38,7 +38,8 @@ from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import ScanConfig
-from zbuf_occlude.views import PAPER_DISTANCE, Views
+from zbuf_occlude.views import PAPER_DISTANCE
+from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
@@ -385,7 +386,7 @@ def _array(values: Any) -> NDArray[Any]:
 
 
 class OnTheFlyScan:
-    """A mesh in, a scan of it out: another azimuth, range and scene each time.
+    """A mesh in, a scan of it out: another view, range and scene each time.
 
     Parameters
     ----------
@@ -399,9 +400,11 @@ class OnTheFlyScan:
         What scenes are filled with; built-in road users or furniture without it.
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
+    views : str
+        Specification of `zbuf_occlude.views.parse`, of which one view is drawn each time; ``drive:1`` for road users.
     **setup
-        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method`, `least_points` of
-        `zbuf_occlude.sensors.setup.ScanConfig`.
+        `range`, `range_law`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` and
+        `least_points` of `zbuf_occlude.sensors.setup.ScanConfig`.
 
     Raises
     ------
@@ -425,13 +428,16 @@ class OnTheFlyScan:
         numbers: dict[str, Any] | None = None,
         surroundings: MeshCollection | None = None,
         scale: str = "cloud",
+        views: str = "random:1@0..0",
         **setup: Any,
     ) -> None:
         check_int("n_points", n_points, 1)
         check_choice("scale", scale, SCALES)
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
-        self.n_points, self.scale = n_points, scale
+        if parse_views(views).rotations is not None:
+            raise OptionError(f"views must be about the object; got {shown(views)}, cameras of a file. Take others.")
+        self.n_points, self.scale, self.views = n_points, scale, views
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
         self.setup = ScanConfig(make(sensor, **(numbers or {})).to_dict(), **given)
         if not isinstance(surroundings, MeshCollection | None):
@@ -472,7 +478,8 @@ class OnTheFlyScan:
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
-            views = Views(rng.uniform(0.0, 2.0 * np.pi, 1), np.zeros(1), np.array([4.0]))
+            views = parse_views(self.views, seed=int(rng.integers(2**62)))
+            views = views.select([int(rng.integers(len(views)))])
             seeds = partial(_seed, int(rng.integers(2**62)))
             places = sensor_views(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
