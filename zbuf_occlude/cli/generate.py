@@ -12,7 +12,7 @@ from zbuf_occlude.base.jit.compiler import announce
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
-from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
+from zbuf_occlude.cli.scan_options import are_shapes_in_metres, check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -125,7 +125,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "--scale",
     type=Name(SCALES),
     default="cloud",
-    help="What gets the longest side 1: each cloud, the object, or nothing (mesh).",
+    help="Longest side 1 of each cloud, or of the object; metres: clouds centred, of true size; mesh: as it is.",
 )
 @click.option(
     "--frame",
@@ -209,6 +209,8 @@ def generate_command(
         method = setup.method
         if complete:
             echo("complete clouds: whole objects as they stand before the sensor; nothing is scanned", err=True)
+    if recipe["scale"] == "metres" and setup is None and unit is None and not are_shapes_in_metres(context):
+        raise click.UsageError("--scale metres needs lengths in metres: give --unit of the files, or --sensor.")
     points, density = recipe.pop("points"), recipe.pop("density")
     recipe["distance"], recipe["farthest"] = recipe["distance"]
     if recipe["overlap"] is not None:

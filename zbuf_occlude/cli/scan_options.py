@@ -121,15 +121,19 @@ def scan_options(sensor: str) -> Decorator:
     )
 
 
+def are_shapes_in_metres(context: click.Context) -> bool:
+    """Return whether a command takes built-in shapes that are in metres."""
+    shapes = None if context.params["meshes"] else context.params.get("shapes")
+    return any(row.in_metres for row in BUILT_IN if row.name == shapes)
+
+
 def size_of_files(context: click.Context, size: str | None) -> str | None:
     """Return the value of --size; `FILE` with --unit, or for built-in shapes in metres.
 
     Raises UsageError for --size together with --unit.
     """
     if context.params.get("unit") is None:
-        shapes = None if context.params["meshes"] else context.params.get("shapes")
-        in_metres = any(row.in_metres for row in BUILT_IN if row.name == shapes)
-        return FILE if in_metres and size is None else size
+        return FILE if are_shapes_in_metres(context) and size is None else size
     if size not in (None, FILE) and explicitly_set(context, ("size",)):
         raise click.UsageError(f"--unit must go without --size {size}, which is in metres for files of any unit.")
     return FILE

@@ -33,7 +33,7 @@ from zbuf_occlude.views import parse as parse_views
 
 Numbers = NDArray[np.intp]
 
-SCALES = ("cloud", "object", "mesh")
+SCALES = ("cloud", "object", "metres", "mesh")
 FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
@@ -115,8 +115,9 @@ class DatasetConfig:
         Which of a cloud's visible points are written: "random", or "fps": farthest-point sampling.
     scale : str
         "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
-        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
-        object's own coordinates.
+        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "metres": each
+        cloud is centred and keeps its size, in the unit of the mesh, which of scans is metres; "mesh": the object's own
+        coordinates.
     frame : str
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": eye space (x right, y up, the camera looks along -z).

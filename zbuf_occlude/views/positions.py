@@ -212,7 +212,7 @@ def drive(
     elevations = _drawn_elevations(_positive(n_views, "n_views"), elevation, rng)
     turn = rng.uniform(0.0, 2.0 * np.pi, n_views)
     from_front = np.arctan2(narrow * np.sin(turn), np.cos(turn))
-    return Views(from_front - np.pi / 2.0, elevations, np.asarray(_away(distance)))
+    return Views(np.remainder(from_front - np.pi / 2.0, 2.0 * np.pi), elevations, np.asarray(_away(distance)))
 
 
 def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -> Views:

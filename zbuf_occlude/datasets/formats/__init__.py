@@ -105,7 +105,7 @@ class Format:
         """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
         axes = self.axes_in(recipe.frame)
         turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
-        return (turned * (1.0 if recipe.scale == "mesh" else self.longest_side)).astype(np.float32)
+        return (turned * (1.0 if recipe.scale in ("metres", "mesh") else self.longest_side)).astype(np.float32)
 
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""

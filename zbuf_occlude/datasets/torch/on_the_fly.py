@@ -44,7 +44,7 @@ from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
-SCALES = ("cloud", "mesh")
+SCALES = ("cloud", "metres", "mesh")
 BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
@@ -67,7 +67,7 @@ class OnTheFlyOcclusion:
     method : str, optional
         Of the table of methods; one that needs no GL. "exact", or with a device "warp".
     method_options : mapping, optional
-    scale : {"cloud", "mesh"}
+    scale : {"cloud", "metres", "mesh"}
         As in `zbuf_occlude.datasets.plan.DatasetConfig`.
     eyes_per_sampling : int
         This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
@@ -193,9 +193,7 @@ class OnTheFlyOcclusion:
         cloud = self._subject(vertices, faces, mesh).next_cloud(self)
         if isinstance(cloud, torch.Tensor):
             return cloud
-        if self.scale == "cloud":
-            centre, factor = unit_box_transform(cloud[:, :3])
-            cloud[:, :3] = (cloud[:, :3] - centre) * factor
+        cloud[:, :3] = _scaled(cloud[:, :3], self.scale)
         return torch.from_numpy(cloud.astype(np.float32))
 
     def _subject(self, vertices: Any, faces: Any, mesh: Any = None) -> "_Subject":
@@ -348,10 +346,12 @@ class _DeviceSubject(_Subject):
             normals = self._normals[own.long()][rows]
             towards = ((eyes[:, None] - clouds) * normals).sum(dim=-1, keepdim=True)
             columns.append(torch.where(towards < 0.0, -normals, normals))
-        if settings.scale == "cloud":
+        if settings.scale != "mesh":
             low, high = clouds.amin(dim=1, keepdim=True), clouds.amax(dim=1, keepdim=True)
+            columns[0] = clouds - (low + high) / 2.0
+        if settings.scale == "cloud":
             longest = (high - low).amax(dim=-1, keepdim=True)
-            columns[0] = (clouds - (low + high) / 2.0) / torch.where(longest > 0.0, longest, 1.0)
+            columns[0] = columns[0] / torch.where(longest > 0.0, longest, 1.0)
         drawn = torch.cat(columns, dim=-1).masked_fill(counts.amax() == 0, torch.nan)
         self._clouds = list(drawn.float().unbind(dim=0))
 
@@ -363,6 +363,14 @@ def _found(device: str | torch.device) -> torch.device:
     except (AssertionError, RuntimeError) as error:
         said = str(error).partition("\n")[0].rstrip(".")
         raise OptionError(f"device must be one that PyTorch finds here; got {device!r}: {said}.") from None
+
+
+def _scaled(positions: FloatArray, scale: str) -> FloatArray:
+    """Return positions (n, 3) of a cloud in one of `SCALES`."""
+    if scale == "mesh":
+        return positions
+    centre, factor = unit_box_transform(positions)
+    return (positions - centre) * (factor if scale == "cloud" else 1.0)
 
 
 def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
@@ -398,8 +406,9 @@ class OnTheFlyScan:
         Of the sensor to be changed, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
         What scenes are filled with; built-in road users or furniture without it.
-    scale : {"cloud", "mesh"}
-        "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
+    scale : {"cloud", "metres", "mesh"}
+        "cloud": centred, longest side 1; "metres": centred, in metres; "mesh": metres about the middle of the object's
+        box.
     views : str
         Specification of `zbuf_occlude.views.parse`, of which one view is drawn each time; ``drive:1`` for road users.
     **setup
@@ -487,10 +496,7 @@ class OnTheFlyScan:
             n_distinct = count_distinct(capture.scan.positions, self.setup.least_points)
             if n_distinct >= max(2, self.setup.least_points):  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
-                if self.scale == "cloud":
-                    centre, factor = unit_box_transform(positions)
-                    positions = (positions - centre) * factor
-                return torch.from_numpy(positions.astype(np.float32))
+                return torch.from_numpy(_scaled(positions, self.scale).astype(np.float32))
         why = why_no_cloud(capture, self.setup, places, 0, n_distinct)
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."
