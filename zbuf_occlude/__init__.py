@@ -26,6 +26,7 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
         OptionError,
         UnavailableError,
     )
+    from zbuf_occlude.datasets.real.crops import crop_objects
     from zbuf_occlude.geometry.mesh import Mesh
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.load import load_mesh
@@ -35,6 +36,7 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
     from zbuf_occlude.sensors.scenes import Scene
     from zbuf_occlude.sensors.scenes.occlusion_graph import occlusion_graph
     from zbuf_occlude.studies.compare.scan_comparison import compare_scans
+    from zbuf_occlude.studies.learn.models import load_classifier
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
     from zbuf_occlude.visibility.visible_space import blockers, visibility_grid
@@ -61,8 +63,10 @@ __all__ = [
     "blockers",
     "compare_scans",
     "coverage",
+    "crop_objects",
     "depth_image",
     "frames",
+    "load_classifier",
     "load_mesh",
     "occlude",
     "occlusion_graph",
@@ -91,6 +95,8 @@ _HOMES = {
         "UnavailableError",
     ),
     "studies.compare.scan_comparison": ("compare_scans",),
+    "datasets.real.crops": ("crop_objects",),
+    "studies.learn.models": ("load_classifier",),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.load": ("load_mesh",),

@@ -1,22 +1,24 @@
-"""Commands `train` and `evaluate`: classifiers trained and tested on datasets of `generate`."""
+"""Commands `train` and `evaluate`: classifiers trained and tested on datasets, crops and folders of clouds by class."""
 
 import math
-from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.cli.shared_options import OutFolder
-from zbuf_occlude.cli.shell import Command, Name, echo, progress_bar
+from zbuf_occlude.cli.shell import Command, Name, counted, echo, progress_bar
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import SPLITS
-from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
+from zbuf_occlude.studies.learn.data import RAGGED, load_datasets
 from zbuf_occlude.studies.learn.models import MODELS, require_torch
 
+if TYPE_CHECKING:
+    from zbuf_occlude.studies.learn.breakdown import Answers
+
 HELD_OUT = 0.1
-"""Fraction of the objects held out for validation where a dataset has no split val."""
+"""Fraction of the objects or sweeps held out for validation where a dataset has no split val."""
 
 
 @click.command(cls=Command)
@@ -42,11 +44,14 @@ HELD_OUT = 0.1
 @click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto: CUDA if available.")
 @click.option("--mixed-precision/--full-precision", default=True, help="Automatic mixed precision on CUDA.")
 def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
-    """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
+    """Train a classifier on the clouds of DIR, one or more datasets.
+
+    A DIR is a dataset of `generate` in any format, crops of real scans (`crop`), or a folder of clouds by class:
+    CLASS/FILE or SPLIT/CLASS/FILE (.ply, .pcd, .bin, .npy, .npz). The classes of several DIRs are joined by name.
 
     The split train is used for training. The split val decides which epoch is best and when to stop; without it, 10 %
-    of the objects of train are held out. Several DIRs must have the same classes, such as a dataset and the complete
-    clouds of its preset.
+    of the objects of train, or of the sweeps of real scans, are held out. All clouds have the least number of points
+    of the datasets; where all datasets have clouds of unequal size, --points or 1,024.
 
     \b
     Writes into --out:
@@ -65,9 +70,10 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
     config = TrainConfig(**options)
     config.find_device()  # raises before any file is read
-    training = load_split(folders, "train")
+    ragged = config.n_points or RAGGED
+    training = load_datasets(folders, "train", ragged)
     if all("val" in open_dataset(folder).order for folder in folders):
-        validation = load_split(folders, "val")
+        validation = load_datasets(folders, "val", ragged)
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
@@ -98,11 +104,6 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     )
 
 
-def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
-    """Return a split of all datasets; raises DatasetError or ArgumentError where classes or sizes differ."""
-    return reduce(CloudSet.concatenate, (load_clouds(folder, split) for folder in folders))
-
-
 @click.command(cls=Command)
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
@@ -110,49 +111,70 @@ def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
 @click.option("--out", type=OutFolder(), help="Folder of the results.  [default: MODEL]")
 @click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto: CUDA if available.")
 def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
-    """Test the classifier that `train` wrote to the folder MODEL on the clouds of DIR, datasets of `generate`.
+    """Test the classifier that `train` wrote to the folder MODEL on the clouds of DIR, one or more datasets.
 
-    DIR must have the classes of the training. The same number of points per cloud is used as in training.
+    A DIR is a dataset of `generate`, crops of real scans (`crop`), or a folder of clouds by class: CLASS/FILE or
+    SPLIT/CLASS/FILE (.ply, .pcd, .bin, .npy, .npz). A folder without splits is tested whole. Its classes must be among
+    those of the training. The same number of points per cloud is used as in training.
+
+    Scores have 95 % intervals by bootstrap: whole sweeps of real scans, or whole objects, are drawn anew.
 
     \b
     Writes into --out:
-      evaluation.json   accuracy; precision, recall and F1 of each class; confusion matrix
+      evaluation.json   accuracy; precision, recall and F1 of each class; confusion matrix; scores by range and points
       evaluation.png    the confusion matrix
 
     \b
-    Example:
+    Examples:
       zbuf-occlude evaluate pointnet clouds --split test
+      zbuf-occlude evaluate pointnet crops --out real
     """
     require_torch()
-    from zbuf_occlude.studies.learn.evaluation import evaluate  # late: imports PyTorch
+    from zbuf_occlude.studies.learn.breakdown import Answers  # late: imports PyTorch
     from zbuf_occlude.studies.learn.training import load_trained
 
     trained = load_trained(model, device)
-    test = load_split(folders, split)
-    n_points = trained.config.n_points
+    n_points, seed = trained.config.n_points, trained.config.seed
+    test = load_datasets(folders, split, n_points or RAGGED)
     if n_points is not None and n_points > test.n_points:
         raise DatasetError(
             f"clouds must have at least the {n_points} points that the model was trained with; those of DIR have "
             f"{test.n_points}. Generate them with --sample-size {n_points}."
         )
-    if n_points is not None:
-        test = test.select_points(n_points, trained.config.seed)
-    if test.classes != trained.classes:
+    if unknown := [label for label in test.labelled if label not in trained.classes]:
         raise DatasetError(
             f"the datasets must have the classes of the model, {', '.join(trained.classes)}; "
-            f"they have {', '.join(test.classes)}. Choose another model, or train one on these datasets."
+            f"they have {', '.join(test.classes)}, with {', '.join(unknown)}. Choose another model, or train one on "
+            "these datasets."
         )
-    evaluation = evaluate(trained.model, test)
+    test = test.with_classes(trained.classes)
+    answers = Answers.of_model(trained.model, test if n_points is None else test.select_points(n_points, seed))
     out = model if out is None else out
-    evaluation.write(out)
-    n_clouds_of = evaluation.counts.sum(axis=1)
-    columns = zip(evaluation.precision, evaluation.recall, evaluation.f1, strict=True)
-    width = max(len("class"), *map(len, test.classes))
-    echo(f"{'class':{width}}  clouds  precision  recall      F1")
-    for label, n_clouds, figures in zip(test.classes, n_clouds_of, columns, strict=True):
+    answers.write(out)
+    for line in format_answers(answers):
+        echo(line)
+    echo(f"figures  {out / 'evaluation.json'}\npicture  {out / 'evaluation.png'}")
+
+
+def format_answers(answers: "Answers") -> list[str]:
+    """Return the scores of a test as lines: of each class, in all, by range and by number of points."""
+    confusion, scores = answers.confusion, answers.scores()
+    width = max(len("class"), *map(len, answers.classes))
+    lines = [f"{'class':{width}}  clouds  precision  recall      F1"]
+    columns = zip(confusion.precision, confusion.recall, confusion.f1, strict=True)
+    for label, n_clouds, figures in zip(answers.classes, confusion.counts.sum(axis=1), columns, strict=True):
         precision, recall, f1 = (f"{value:.1%}" if math.isfinite(value) else "-" for value in figures)
-        echo(f"{label:{width}}  {n_clouds:6}  {precision:>9}  {recall:>6}  {f1:>6}")
-    echo(
-        f"accuracy {evaluation.accuracy:.1%} of {evaluation.n_clouds} clouds\n"
-        f"figures  {out / 'evaluation.json'}\npicture  {out / 'evaluation.png'}"
+        lines.append(f"{label:{width}}  {n_clouds:6}  {precision:>9}  {recall:>6}  {f1:>6}")
+    lines.append(
+        f"accuracy {scores['accuracy']} of {confusion.n_clouds} clouds, mean recall {scores['recall']}, "
+        f"macro F1 {scores['f1']}; "
+        f"95 % by bootstrap over {counted(answers.n_groups, 'sweep or object', 'sweeps or objects')}"
     )
+    for unit, rows in (("metres", answers.by_range), ("points", answers.by_points)):
+        if len(rows) > 1:
+            lines.append(f"{unit:>11}  clouds  {'accuracy':24}{'mean recall':24}macro F1")
+        for row in rows if len(rows) > 1 else ():
+            bounds = f"{row.low:g}-{row.high:g}" if math.isfinite(row.high) else f"{row.low:g}-"
+            cells = "".join(f"{score!s:24}" for score in row.scores.values())
+            lines.append(f"{bounds:>11}  {row.n_clouds:6}  {cells}".rstrip())
+    return lines

@@ -8,6 +8,7 @@ import click
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
+from zbuf_occlude.datasets.real.sydney import UPS
 from zbuf_occlude.studies.learn.models import MODELS, require_torch
 from zbuf_occlude.studies.paper.design import (
     AUGMENTATION,
@@ -20,7 +21,6 @@ from zbuf_occlude.studies.paper.design import (
     Progress,
     changed,
 )
-from zbuf_occlude.studies.paper.real_scans import UPS
 from zbuf_occlude.studies.paper.results import read_study
 from zbuf_occlude.studies.paper.study_report import tables_of_answers, write_study
 

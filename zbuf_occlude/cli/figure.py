@@ -10,10 +10,11 @@ from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.cli.shell import Command, Name, echo
+from zbuf_occlude.datasets.real.sydney import find_frame, find_scans, read_scan
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.studies.paper.figures import FIGURES, Exhibit, make_mask
-from zbuf_occlude.studies.paper.real_scans import find_frame, largest_scan, read_scan
+from zbuf_occlude.studies.paper.real_scans import largest_scan
 from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150
@@ -90,7 +91,7 @@ def draw_figure(
             mesh = load_mesh(mesh_file, up=up)
     else:
         mesh = shapes.make(kind, 0) if kind else shapes.formulas.make("torus")
-    scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path, find_frame(sydney).up)
+    scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path, find_frame(find_scans(sydney)).up)
     figure = FIGURES[name].draw(Exhibit(mesh.normalized(), mask, seed, scan, distance))
     atomic.write(out, lambda file: figure.savefig(file, format="png", dpi=DPI))
     echo(f"{name}{f' of {mesh.name}' if kind else ''}: {out}")

@@ -1,6 +1,6 @@
 """Readers of the clouds of a dataset: records by number, in the order of the files."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.arrays import BoolArray
 from zbuf_occlude.base.atomic import REMEDY, reading
 from zbuf_occlude.base.errors import DatasetError
-from zbuf_occlude.datasets.folder import read_finished
+from zbuf_occlude.datasets.cloud_folder import CloudFolder, cloud_files
+from zbuf_occlude.datasets.folder import PLAN, read_finished
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.plan import DatasetConfig, Numbers, Plan
 from zbuf_occlude.datasets.records import IDS, Records, record_type
@@ -53,6 +54,18 @@ class CloudReader:
     """Number of clouds of each file that is written of them; `Plan.clouds_per_file` by default."""
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
     """Returns what each cloud is of, (n,) of `IDS`, by its number."""
+    sweeps: Sequence[str] | None = None
+    """Names of the sweeps of real scans, by mesh id; None where clouds are simulated."""
+
+    @property
+    def origins(self) -> list[str]:
+        """Name of what each mesh's clouds have in common, by mesh id: the object, or the sweep of a real scan."""
+        return [entry.key for entry in self.plan.meshes] if self.sweeps is None else list(self.sweeps)
+
+    @property
+    def has_ranges(self) -> bool:
+        """True where the distances of views are ranges of a sensor, in metres; of some real scans they are NaN."""
+        return self.sweeps is not None or self.plan.recipe.setup is not None
 
     @property
     def n_clouds(self) -> dict[str, int]:
@@ -78,10 +91,14 @@ class CloudReader:
 
 
 def open_dataset(folder: Path, recipe: DatasetConfig | None = None) -> CloudReader:
-    """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError.
+    """Return the clouds of a complete dataset, or of a folder of cloud files by class.
 
-    Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change.
+    Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change. One that
+    is damaged, or a layout of others, is a DatasetError.
     """
+    if not (folder / PLAN).exists() and cloud_files(folder):
+        clouds = CloudFolder(folder)
+        return CloudReader(clouds.plan, clouds.order, clouds.take, ids=clouds.ids, sweeps=clouds.origins)
     plan, manifest = read_finished(folder)
     if recipe is not None:
         assert find_format(plan.format).whole_objects

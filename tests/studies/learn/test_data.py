@@ -28,7 +28,7 @@ def test_subset_by_mask_and_by_index() -> None:
     clouds = some_clouds()
     by_mask, by_index = clouds.subset(clouds.labels == 1), clouds.subset([1, 3, 5])
     assert (by_mask.positions == by_index.positions).all()
-    assert by_mask.object_ids.tolist() == [0, 1, 2]
+    assert by_mask.group_ids.tolist() == [0, 1, 2]
     assert (clouds.subset([5, 0]).elevations == clouds.elevations[[5, 0]]).all()
     assert len(clouds.subset([])) == 0
 
@@ -69,7 +69,7 @@ def test_thinned_keeps_so_many_of_each_group() -> None:
 )
 def test_what_is_refused(change: dict[str, np.ndarray], message: str) -> None:
     clouds = some_clouds()
-    fields = {name: getattr(clouds, name) for name in ("positions", "labels", "classes", "object_ids", "elevations")}
+    fields = {name: getattr(clouds, name) for name in ("positions", "labels", "classes", "group_ids", "elevations")}
     with pytest.raises(ArgumentError, match=message):
         CloudSet(**(fields | change))
 
@@ -92,7 +92,7 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
     generate(Plan(meshes, whole, format), tmp_path / "whole")
     seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
     assert seen.classes == ("bed", "table")
-    assert sorted(zip(seen.object_ids, seen.labels, strict=True)) == [(0, 0)] * 3 + [(1, 1)] * 3
+    assert sorted(zip(seen.group_ids, seen.labels, strict=True)) == [(0, 0)] * 3 + [(1, 1)] * 3
     assert (seen.n_points, complete.n_points) == (48, 64)
     assert seen.elevations == pytest.approx(np.radians(40), abs=1e-6)
     assert np.isnan(complete.elevations).all()

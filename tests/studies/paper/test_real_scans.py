@@ -16,20 +16,10 @@ from tests.scenes import DATA
 from tests.studies.paper.drives import THINGS, write_argoverse, write_kitti
 from tests.studies.paper.hand_made import write_bin, write_csv, write_sydney
 from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.datasets.real.sweeps import find_sweeps
+from zbuf_occlude.datasets.real.sydney import CLASSES, RECORD, VEHICLES, find_frame, find_scans, read_scan
 from zbuf_occlude.meshes import shapes
-from zbuf_occlude.studies.paper import real_scans
-from zbuf_occlude.studies.paper.real_scans import (
-    CLASSES,
-    VEHICLES,
-    check_scans,
-    find_frame,
-    find_scans,
-    layout_of,
-    picture_of_scans,
-    read_objects,
-    read_scan,
-    read_scans,
-)
+from zbuf_occlude.studies.paper.real_scans import check_scans, find_drive, picture_of_scans, read_objects, read_scans
 
 SYDNEY = DATA / "sydney"
 needs_counts = pytest.mark.skipif(not SYDNEY.is_dir(), reason=f"{SYDNEY} is not there; set ZBUF_OCCLUDE_DATA")
@@ -75,7 +65,7 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
     (tmp_path / "folds").symlink_to(SYDNEY / "folds")
     rng = np.random.default_rng(0)
     for name, n_points in counts.items():
-        np.zeros(n_points, real_scans.RECORD).tofile(tmp_path / "objects" / f"{name}.bin")
+        np.zeros(n_points, RECORD).tofile(tmp_path / "objects" / f"{name}.bin")
     scans = find_scans(tmp_path)
     assert len(counts) == 631
     assert len(scans) == 588
@@ -176,13 +166,15 @@ def write(root: Path, scans: dict[str, list[np.ndarray]]) -> Path:
 def test_the_frame_is_found_and_scans_are_turned_by_it(tmp_path: Path, cars: list[np.ndarray]) -> None:
     upright = write(tmp_path / "z", {"car": cars, "traffic_sign": signs()})
     turned = write(tmp_path / "-z", {"car": [p * [1, -1, -1] for p in cars], "traffic_sign": signs()})
-    assert find_frame(upright).up == "z"
-    assert "z of the files is up, found from the scans" in find_frame(upright).said
-    assert "0 trees, signs and lights if -z is up, 6 if z is" in find_frame(turned).said, "they contradict each other"
+    assert find_frame(find_scans(upright)).up == "z"
+    assert "z of the files is up, found from the scans" in find_frame(find_scans(upright)).said
+    assert "0 trees, signs and lights if -z is up, 6 if z is" in find_frame(find_scans(turned)).said, (
+        "they contradict each other"
+    )
     down = write(tmp_path / "down", {"car": [p * [1, -1, -1] for p in cars]})
-    frame = find_frame(down)
+    frame = find_frame(find_scans(down))
     assert frame.up == "-z"
-    one, other = (read_scans(root, 64, find_frame(root).up) for root in (upright, down))
+    one, other = (read_scans(root, 64, find_frame(find_scans(root)).up) for root in (upright, down))
     both = one.labels == CLASSES.index("car")
     assert np.abs(one.positions[both] - other.positions).max() < 1e-4
     picture_of_scans(down, frame.up).savefig(tmp_path / "scans.png")
@@ -191,7 +183,7 @@ def test_the_frame_is_found_and_scans_are_turned_by_it(tmp_path: Path, cars: lis
 
 def test_what_says_nothing_is_assumed(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
-    frame = find_frame(write(tmp_path, {"car": [rng.uniform(0, 2, (100, 3)) for _ in range(8)]}))
+    frame = find_frame(find_scans(write(tmp_path, {"car": [rng.uniform(0, 2, (100, 3)) for _ in range(8)]})))
     assert frame.up == "-z"
     assert "-z of the files is up, assumed" in frame.said
 
@@ -209,9 +201,9 @@ def drive(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, Path]:
 
 def test_boxes_are_where_the_things_are(drive: tuple[str, Path]) -> None:
     name, root = drive
-    layout = layout_of(root)
+    layout, loaders = find_sweeps(root)
     assert layout.name == name
-    sweep = layout.read(layout.find(root)[0])
+    sweep = loaders[0]()
     assert [box.label for box in sweep.boxes] == [t.kitti if name == "KITTI" else t.argoverse for t in THINGS]
     for thing, box in zip(THINGS, sweep.boxes, strict=True):
         assert np.allclose(box.centre, thing.middle, atol=1e-5)
@@ -250,7 +242,7 @@ SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
         (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
         (SWEEP, {"x": [1.0]}, "must have the columns x, y, z; it lacks one"),
         (SWEEP, {"x": ["far"], "y": ["far"], "z": ["far"]}, "cannot be read .could not convert string to float: 'far'"),
-        (SWEEP, None, "or no sweep"),
+        (SWEEP, None, "none of them"),
     ],
 )
 def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, tmp_path: Path) -> None:
@@ -280,10 +272,14 @@ def test_sweeps_and_boxes_that_say_nothing(tmp_path: Path) -> None:
 
 
 def test_folders_that_are_no_drive_or_have_no_car(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"in KITTI's layout \(velodyne.*Argoverse 2's.*has neither"):
-        layout_of(tmp_path)
+    with pytest.raises(DatasetError, match=r"one of these layouts: KITTI \(velodyne.*Argoverse 2 \(.*none of them"):
+        find_drive(tmp_path)
     with pytest.raises(DatasetError, match="does not exist"):
-        layout_of(tmp_path / "no")
+        find_drive(tmp_path / "no")
+    (tmp_path / "objects").mkdir()
+    write_bin(tmp_path / "objects" / "car.0.1.bin", np.ones((3, 3)))
+    with pytest.raises(DatasetError, match=r"layout of KITTI or Argoverse 2; .* is Sydney Urban Objects"):
+        find_drive(tmp_path)
     root = write_kitti(tmp_path / "drive")
     lines = (root / LABEL).read_text().splitlines()
     (root / LABEL).write_text("\n".join(line for line in lines if line.startswith("Pedestrian")))

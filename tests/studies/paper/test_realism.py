@@ -79,7 +79,7 @@ def test_all_kinds_show_the_same_objects_and_matched_as_many_points(folder: Path
         first = sets["uniform", OWN]
         for each in sets.values():
             assert (each.labels == first.labels).all()
-            assert (each.object_ids == first.object_ids).all()
+            assert (each.group_ids == first.group_ids).all()
             assert np.ptp(each.positions, axis=1).max(axis=1) == pytest.approx(1.0, abs=1e-6)
         numbers = {k: np.array([len(np.unique(p, axis=0)) for p in each.positions]) for k, each in sets.items()}
         least = np.min([numbers[kind, OWN] for kind in KINDS], axis=0)

@@ -236,15 +236,15 @@ def test_elevation_sets(folder: Path) -> None:
         for elevation in (-80, 0, 10):
             test = clouds.test(split_by, elevation)
             assert set(degrees(test.elevations)) == {elevation}
-            shared = set(test.object_ids) & set(training.object_ids)
+            shared = set(test.group_ids) & set(training.group_ids)
             assert bool(shared) == (split_by == "elevations")
-        assert (set(training.object_ids) & set(validation.object_ids) == set()) == (split_by == "objects")
+        assert (set(training.group_ids) & set(validation.group_ids) == set()) == (split_by == "objects")
     n_clouds = len(clouds.training("elevations")) + len(clouds.validation("elevations"))
     (manifest,) = (json.loads(path.read_text()) for path in folder.glob("clouds/elevation/manifest.json"))
     n_blank = sum(blank["n_views"] for blank in manifest["blank_views"].values())
     assert manifest["counts"]["clouds"] + n_blank == clouds.max_clouds
     assert 40 * 8 - n_blank <= n_clouds <= 40 * 8
-    assert len(set(clouds.training("objects").object_ids)) == 24
+    assert len(set(clouds.training("objects").group_ids)) == 24
 
 
 def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:

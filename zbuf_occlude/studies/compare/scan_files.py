@@ -3,24 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.base.arrays import LARGEST, FloatArray
-from zbuf_occlude.base.errors import ArgumentError, DatasetError, MeshError, OptionError, describe, escape_control
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import ArgumentError, DatasetError, OptionError, describe, escape_control
 from zbuf_occlude.base.extras import importing
+from zbuf_occlude.datasets.cloud_files import read_points, real_points
 from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
-from zbuf_occlude.meshes.load import warn_of_foreign_lines
-from zbuf_occlude.meshes.ply import read_ply_points
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.studies.compare.bop_folder import poses_of
 
-SUFFIXES = (".ply", ".pcd", ".bin", ".npy", ".npz", ".png")
 NOT_RIGID = 1e-3
 """Tolerance on the entries of a pose: a larger deviation is no rigid motion."""
-MOST_BYTES = 2_000_000_000
 
 
 def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
@@ -29,9 +25,8 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     Parameters
     ----------
     path : Path
-        PLY (with or without ``range_grid``), PCD; ``.bin`` of KITTI (x, y, z, intensity as float32) or, where the name
-        ends in ``.pcd.bin``, of nuScenes (and ring); ``.npy`` (n, 3 or more); ``.npz`` with ``points``; ``.png``: a
-        depth image of 16 bits, of the sensor's width and height, whose points are in the sensor's own frame.
+        A cloud in a format of `cloud_files.read_points`; or ``.png``: a depth image of 16 bits, of the sensor's width
+        and height, whose points are in the sensor's own frame.
     sensor : Sensor
         A pinhole where the scan is a depth image.
     depth_unit : float
@@ -46,48 +41,14 @@ def read_scan_file(path: Path, sensor: Sensor, depth_unit: float) -> FloatArray:
     UnavailableError
         PCD without Open3D, PNG without Pillow.
     """
-    name, suffix = escape_control(str(path)), path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise DatasetError(f"{name}: a scan must end in one of {', '.join(SUFFIXES)}.")
+    if path.suffix.lower() != ".png":
+        return read_points(path)
+    name = escape_control(str(path))
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise DatasetError(f"{name}: a scan must have at most {MOST_BYTES:,} bytes.")
-        points = _read(path, suffix, sensor, depth_unit)
-    except (OSError, ValueError, KeyError, MeshError) as error:
-        raise DatasetError(f"{name}: cannot read the scan: {escape_control(describe(error))}") from None
-    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
-    if not len(points):
-        raise DatasetError(f"{name}: a scan must have points; this one has none.")
-    if (np.abs(points) > LARGEST).any():
-        raise DatasetError(f"{name}: coordinates must be below {LARGEST:g}; one is {np.abs(points).max():g}. Clean it.")
-    return points
-
-
-def _read(path: Path, suffix: str, sensor: Sensor, depth_unit: float) -> FloatArray:
-    if suffix == ".ply":
-        data = path.read_bytes()
-        found = read_ply_points(data)
-        warn_of_foreign_lines(path, data)
-        if found is None:
-            raise ValueError("it has faces: it is a mesh")
-        return found
-    if suffix == ".pcd":
-        with importing("open3d", "reading PCD"):
-            import open3d
-        return np.asarray(open3d.io.read_point_cloud(path).points, dtype=np.float64)
-    if suffix == ".bin":
-        columns, data = 5 if path.name.lower().endswith(".pcd.bin") else 4, path.read_bytes()
-        if len(data) % (4 * columns):
-            raise ValueError(f"it must hold {columns} float32 numbers per point; it has {len(data)} bytes")
-        values = np.frombuffer(data, "<f4")
-        return values.reshape(-1, columns)[:, :3].astype(np.float64)
-    if suffix == ".png":
-        return _of_depth_image(path, sensor, depth_unit)
-    loaded: Any = np.load(path, allow_pickle=False)
-    found = loaded["points"] if suffix == ".npz" else loaded
-    if found.ndim != 2 or found.shape[1] < 3 or found.dtype.kind not in "fiu":
-        raise ValueError(f"it must hold rows of x, y, z; it has {found.dtype} of shape {found.shape}")
-    return found[:, :3].astype(np.float64)
+        points = _of_depth_image(path, sensor, depth_unit)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{name}: cannot read the depth image: {escape_control(describe(error))}") from None
+    return real_points(points, name)
 
 
 def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:

@@ -1,6 +1,8 @@
 """Labelled clouds of equal size in memory, to train and to test classifiers."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +13,16 @@ from zbuf_occlude.base.arrays import shape_and_dtype
 from zbuf_occlude.base.atomic import reading
 from zbuf_occlude.base.errors import ArgumentError, DatasetError
 from zbuf_occlude.datasets.records import pad_or_truncate
-from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.datasets.source import CloudReader, open_dataset
 
 _CLOUDS_AT_ONCE = 2048
+RAGGED = 1024
+"""Default number of points of clouds that are all of unequal size."""
 
 
 @dataclass(frozen=True, eq=False)
 class CloudSet:
-    """Clouds with the label, the object and the camera's elevation of each.
+    """Clouds with the label, the origin and the sensor's place of each.
 
     Raises ArgumentError for arrays of unequal length, labels outside `classes`, or positions that are not finite.
     """
@@ -26,8 +30,10 @@ class CloudSet:
     positions: NDArray[np.float32]  # (m, n, 3), m clouds of n points in random order, centred, longest side 1
     labels: NDArray[np.int64]  # (m,), index into `classes`
     classes: tuple[str, ...]
-    object_ids: NDArray[np.int64]  # (m,), equal for clouds of one object
+    group_ids: NDArray[np.int64]  # (m,), equal for clouds of one origin: one object, or one sweep of a real LiDAR
     elevations: NDArray[np.float32]  # (m,), elevation of the camera, radians; NaN for a complete shape
+    ranges: NDArray[np.float32] | None = None  # (m,), of scans, metres; NaN where it is unknown, the default
+    n_measured: NDArray[np.int64] | None = None  # (m,), points of scans before some were drawn; 0, the default: unknown
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
@@ -39,9 +45,13 @@ class CloudSet:
             bad = int(np.flatnonzero(~np.isfinite(positions).all(axis=(1, 2)))[0])
             raise ArgumentError(f"positions must be finite; those of cloud {bad} are not. Leave it out.")
         labels = np.ascontiguousarray(self.labels, dtype=np.int64)
-        object_ids = np.ascontiguousarray(self.object_ids, dtype=np.int64)
+        group_ids = np.ascontiguousarray(self.group_ids, dtype=np.int64)
         elevations = np.ascontiguousarray(self.elevations, dtype=np.float32)
-        columns: dict[str, NDArray[Any]] = {"labels": labels, "object_ids": object_ids, "elevations": elevations}
+        m = len(positions)
+        ranges = np.full(m, np.nan, np.float32) if self.ranges is None else np.asarray(self.ranges, np.float32)
+        n_measured = np.zeros(m, np.int64) if self.n_measured is None else np.asarray(self.n_measured, np.int64)
+        columns: dict[str, NDArray[Any]] = {"labels": labels, "group_ids": group_ids, "elevations": elevations}
+        columns |= {"ranges": ranges, "n_measured": n_measured}
         for name, column in columns.items():
             if column.shape != (len(positions),):
                 raise ArgumentError(
@@ -76,13 +86,7 @@ class CloudSet:
         chosen = np.asarray(which)
         if chosen.size == 0:
             chosen = chosen.astype(np.intp)
-        return replace(
-            self,
-            positions=self.positions[chosen],
-            labels=self.labels[chosen],
-            object_ids=self.object_ids[chosen],
-            elevations=self.elevations[chosen],
-        )
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _COLUMNS})
 
     def select_points(self, n: int, seed: int) -> "CloudSet":
         """Return the same clouds with `n` of their points each, drawn at random.
@@ -103,9 +107,19 @@ class CloudSet:
         first = np.searchsorted(sorted_groups, sorted_groups)  # index at which each cloud's group begins
         return self.subset(np.sort(order[np.arange(len(self)) - first < most]))
 
+    def with_classes(self, classes: Sequence[str]) -> "CloudSet":
+        """Return the same clouds with labels that are indices into other classes, by name.
+
+        Raises ArgumentError where a class that has clouds is not among them.
+        """
+        if unknown := [label for label in self.labelled if label not in classes]:
+            raise ArgumentError(f"classes must have {', '.join(unknown)}; they are {', '.join(classes)}.")
+        places = np.array([classes.index(label) if label in classes else -1 for label in self.classes], np.int64)
+        return replace(self, labels=places[self.labels], classes=tuple(classes))
+
     @classmethod
     def concatenate(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
-        """Return the clouds of two sets, those of `first` before those of `second`; object ids are kept.
+        """Return the clouds of two sets, those of `first` before those of `second`; group ids are kept.
 
         Raises ArgumentError where the classes or the sizes of the clouds differ.
         """
@@ -114,17 +128,53 @@ class CloudSet:
                 f"both sets must have the same classes and the same size of clouds; got {first!r} of "
                 f"{', '.join(first.classes)} and {second!r} of {', '.join(second.classes)}."
             )
-        return cls(
-            np.concatenate([first.positions, second.positions]),
-            np.concatenate([first.labels, second.labels]),
-            first.classes,
-            np.concatenate([first.object_ids, second.object_ids]),
-            np.concatenate([first.elevations, second.elevations]),
-        )
+        pairs = ((getattr(first, name), getattr(second, name)) for name in _COLUMNS)
+        return cls(**dict(zip(_COLUMNS, map(np.concatenate, pairs), strict=True)), classes=first.classes)
+
+
+_COLUMNS = tuple(each.name for each in fields(CloudSet) if each.name != "classes")
+"""Fields with a row per cloud."""
+
+
+def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> CloudSet:
+    """Read one split of several datasets, of any format, or folders of cloud files by class.
+
+    The classes are the union by name. All clouds have the least size of them; where all are of unequal size, `ragged`
+    points. Clouds of one object, or of one sweep, have one group id in all datasets.
+
+    Raises DatasetError as `load_clouds` does, and where a dataset shares no class with those before it.
+    """
+    readers = [open_dataset(folder) for folder in folders]
+    sizes = [size for reader in readers if (size := reader.plan.recipe.sample_size) is not None]
+    sets = [load_clouds(folder, split, min(sizes, default=ragged)) for folder in folders]
+    classes = list(sets[0].classes)
+    for folder, clouds in zip(folders[1:], sets[1:], strict=True):
+        if not set(classes) & set(clouds.classes):
+            raise DatasetError(
+                f"datasets must share a class; {folder} has {', '.join(clouds.classes)}, the others have "
+                f"{', '.join(classes)}. Name classes alike: rename the folders, or crop with --classes."
+            )
+        classes += [label for label in clouds.classes if label not in classes]
+    if any(clouds.classes != sets[0].classes for clouds in sets):
+        classes.sort()
+    origins = [_origins(reader) for reader in readers]
+    number_of = {name: number for number, name in enumerate(dict.fromkeys(name for each in origins for name in each))}
+    joined = [
+        replace(clouds.with_classes(classes), group_ids=np.array([number_of[name] for name in each])[clouds.group_ids])
+        for clouds, each in zip(sets, origins, strict=True)
+    ]
+    return reduce(CloudSet.concatenate, joined)
+
+
+def _origins(reader: CloudReader) -> list[str]:
+    """Return the names of the origins of clouds by group id: of simulated ones the keys of meshes, in their order."""
+    return reader.origins if reader.sweeps is None else sorted(set(reader.origins))
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:
-    """Read one split of a dataset of any format into memory, in its order; ``object_ids`` are its mesh ids.
+    """Read one split of a dataset into memory, in its order: of any format, or a folder of cloud files by class.
+
+    ``group_ids`` are mesh ids, and of real scans the numbers of their sweeps.
 
     The first `n_points` of each cloud are read (the order of points is random); all of them by default. Clouds of
     unequal size need `n_points`; those with fewer points repeat some. Complete clouds have no elevation.
@@ -145,8 +195,8 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         raise DatasetError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
     numbers = np.sort(source.order[split])
     positions = np.empty((len(numbers), n_points or source.plan.recipe.equal_size, 3), dtype=np.float32)
-    labels, object_ids = np.empty((2, len(numbers)), dtype=np.int64)
-    elevations = np.full(len(numbers), np.nan, dtype=np.float32)
+    labels, mesh_ids, n_measured = np.zeros((3, len(numbers)), dtype=np.int64)
+    elevations, ranges = np.full((2, len(numbers)), np.nan, dtype=np.float32)
     for start in range(0, len(numbers), _CLOUDS_AT_ONCE):
         rows = slice(start, start + _CLOUDS_AT_ONCE)
         records = source.take(numbers[rows])
@@ -154,8 +204,12 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
             positions[rows] = [pad_or_truncate(points, positions.shape[1]) for points in records["data"]]
         else:
             positions[rows] = records["data"][:, : positions.shape[1]]
-        labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
+        labels[rows], mesh_ids[rows] = records["label"][:, 0], records["mesh_id"]
         if not source.plan.recipe.complete:
             elevations[rows] = records["view"][:, 1]
+            if source.has_ranges:
+                ranges[rows], n_measured[rows] = records["view"][:, 2], records["n_visible"]
+    number_of = {name: number for number, name in enumerate(_origins(source))}
+    group_ids = np.array([number_of[name] for name in source.origins])[mesh_ids]
     with reading(folder):  # CloudSet refuses NaN
-        return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)
+        return CloudSet(positions, labels, tuple(source.plan.classes), group_ids, elevations, ranges, n_measured)

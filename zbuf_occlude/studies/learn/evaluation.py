@@ -1,9 +1,11 @@
 """Evaluation of a classifier: confusion matrix, accuracy; precision, recall and F1 of each class; as JSON and PNG."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,14 +84,14 @@ class Confusion:
             "confusion": self.counts.tolist(),
         }
 
-    def write(self, folder: Path, name: str = "evaluation") -> None:
-        """Write `name`.json and `name`.png into a folder, which is created."""
+    def write(self, folder: Path, name: str = "evaluation", more: Mapping[str, Any] = MappingProxyType({})) -> None:
+        """Write `name`.json, with `more` in it, and `name`.png into a folder, which is created."""
         folder.mkdir(parents=True, exist_ok=True)
         figure = self.plot()
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the JSON has the names
             atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
-        atomic.write_json(folder / f"{name}.json", self.to_dict())
+        atomic.write_json(folder / f"{name}.json", {**self.to_dict(), **more})
 
     def plot(self) -> Figure:
         """Plot the confusion matrix: shades are fractions of the true class, numbers are clouds."""

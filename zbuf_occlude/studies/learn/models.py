@@ -1,8 +1,10 @@
 """Table of the classifiers; a new one takes one class and one row. This module needs no PyTorch."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zbuf_occlude.base.errors import OptionError
@@ -10,6 +12,7 @@ from zbuf_occlude.base.extras import importing
 
 if TYPE_CHECKING:
     from zbuf_occlude.studies.learn.networks import Classifier
+    from zbuf_occlude.studies.learn.training import Trained
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,28 @@ def find_model(name: str) -> Model:
         if model.name == name:
             return model
     raise OptionError(f"model must be one of {', '.join(model.name for model in MODELS)}; got {name!r}.")
+
+
+def load_classifier(folder: str | os.PathLike[str], device: str = "auto") -> "Trained":
+    """Load the classifier that `zbuf-occlude train` wrote to a folder; ``load_classifier(folder).predict(points)``.
+
+    Parameters
+    ----------
+    folder : path-like
+    device : str
+        "auto" (CUDA where there is one), "cpu", "cuda", "cuda:1" and so on.
+
+    Raises
+    ------
+    DatasetError
+        The folder has no model, or its file is damaged.
+    UnavailableError
+        PyTorch or the device is missing.
+    """
+    require_torch()
+    from zbuf_occlude.studies.learn.training import load_trained  # late: imports PyTorch
+
+    return load_trained(Path(folder), device)
 
 
 def require_torch() -> None:

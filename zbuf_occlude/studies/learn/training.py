@@ -14,10 +14,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch.nn import functional
 
 from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import as_vectors
 from zbuf_occlude.base.errors import ArgumentError, DatasetError, OptionError, UnavailableError
+from zbuf_occlude.datasets.records import pad_or_truncate
 from zbuf_occlude.datasets.torch import Compose, Jitter, Rescale, Rotate
 from zbuf_occlude.studies.learn.data import CloudSet
 from zbuf_occlude.studies.learn.evaluation import predict
@@ -117,6 +120,37 @@ class Trained:
     history: tuple[Epoch, ...]
     best: Epoch
     seconds: float  # spent training and validating, in all runs together
+
+    def predict(self, points: ArrayLike) -> str:
+        """Return the class of one cloud (n, 3), z up, in any unit: the most probable one of `probabilities`."""
+        shares = self.probabilities(points)
+        return max(shares, key=shares.__getitem__)
+
+    def probabilities(self, points: ArrayLike) -> dict[str, float]:
+        """Return the probability of each class for one cloud.
+
+        Parameters
+        ----------
+        points : (n, 3) float
+            z up, in any place and unit: the network centres and scales them. Of more points than the clouds of the
+            training had, some are drawn at random; of fewer, some repeat.
+
+        Raises
+        ------
+        ArgumentError
+            The points are not (n, 3), not finite, or none.
+        """
+        cloud = as_vectors(points, "points")
+        if not len(cloud):
+            raise ArgumentError("points must be (n, 3), n at least 1; there are none.")
+        shuffled = np.random.default_rng(self.config.seed).permutation(cloud)
+        shuffled = shuffled if self.config.n_points is None else pad_or_truncate(shuffled, self.config.n_points)
+        unknown = np.array([np.nan])
+        logits = predict(
+            self.model, CloudSet(shuffled[None], np.zeros(1, int), self.classes, np.zeros(1, int), unknown)
+        )
+        shares = torch.softmax(torch.from_numpy(logits[0]), dim=0).tolist()
+        return dict(zip(self.classes, shares, strict=True))
 
 
 def train(
@@ -283,17 +317,17 @@ class _Run:
 
 
 def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:
-    """Split the clouds by object: the rest, and those of a random share of the objects (at least one) for validation.
+    """Split the clouds by object or sweep: the rest, and those of a random share (at least one) for validation.
 
-    Raises ArgumentError where there is only one object.
+    Raises ArgumentError where there is only one object or sweep.
     """
-    objects = np.unique(clouds.object_ids)
+    objects = np.unique(clouds.group_ids)
     if len(objects) < 2:
         raise ArgumentError(
             "The only object cannot be held out for validation. Give a dataset of more objects, or with a split val."
         )
     taken = np.random.default_rng(seed).permutation(objects)[: max(1, round(share * len(objects)))]
-    held = np.isin(clouds.object_ids, taken)
+    held = np.isin(clouds.group_ids, taken)
     return clouds.subset(~held), clouds.subset(held)
 
 

@@ -61,7 +61,7 @@ from zbuf_occlude.studies.paper.design import (
     name_of_test,
 )
 from zbuf_occlude.studies.paper.figures import PLANES, cells_as_mesh, degrees, make_mask, projected_areas
-from zbuf_occlude.studies.paper.real_scans import layout_of, read_objects, read_scans, resampled
+from zbuf_occlude.studies.paper.real_scans import find_drive, read_objects, read_scans, resampled
 from zbuf_occlude.studies.paper.results import AREAS, Trial
 from zbuf_occlude.views import Views, modelnet8, paper100
 
@@ -305,7 +305,7 @@ class Elevation(Experiment):
         if split_by == "objects":
             return _at_elevations(self._split("test"), elevation)
         clouds = _at_elevations(self._all, elevation)
-        return clouds.thinned(clouds.object_ids, self.size.per_elevation, seed=0)
+        return clouds.thinned(clouds.group_ids, self.size.per_elevation, seed=0)
 
     def epochs(self, n_clouds: int) -> int:
         """Return the epochs for `n_clouds` training clouds: as many clouds are shown as with objects held out."""
@@ -566,7 +566,7 @@ class Realism(Experiment):
             kind: partial(self.clouds_of, kind, count, "test") for kind in KINDS
         }
         if self.real is not None:
-            tests[f"real:{layout_of(self.real).name}"] = partial(read_objects, self.real, self.size.n_points[-1])
+            tests[f"real:{find_drive(self.real)[0].name}"] = partial(read_objects, self.real, self.size.n_points[-1])
         return tests
 
     def _read(self, split: str) -> "_Split":

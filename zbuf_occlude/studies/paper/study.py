@@ -17,6 +17,7 @@ import torch
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.errors import DatasetError, UnavailableError
 from zbuf_occlude.base.provenance import n_cores, versions
+from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
 from zbuf_occlude.studies.compare.child import Child, ChildFailed, report_progress
 from zbuf_occlude.studies.compare.run import machine
 from zbuf_occlude.studies.learn.evaluation import evaluate
@@ -31,7 +32,7 @@ from zbuf_occlude.studies.paper.experiments import (
     find_objects,
     is_modelnet10,
 )
-from zbuf_occlude.studies.paper.real_scans import UpAxis, check_scans, find_frame, picture_of_scans, read_objects
+from zbuf_occlude.studies.paper.real_scans import check_scans, picture_of_scans, read_objects
 from zbuf_occlude.studies.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
 
 CLASSIFIERS = "classifiers"
@@ -90,7 +91,7 @@ def run_study(
     if scans is not None:
         check_scans(scans)  # raises before hours of work
         said = f"{scans_up} of the files is up, by --sydney-up."
-        turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(scans)
+        turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(find_scans(scans))
     if real is not None:
         read_objects(real, 1)  # raises before hours of work
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
@@ -234,7 +235,7 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
         "facts": dict(trial.facts),
         "config": trained.config.to_dict(),
         "n_training": len(training),
-        "n_objects": len(np.unique(training.object_ids)),
+        "n_objects": len(np.unique(training.group_ids)),
         "n_validation": len(validation),
         "n_parameters": sum(parameter.numel() for parameter in trained.model.parameters()),
         "epochs": len(trained.history),

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zbuf_occlude.base.errors import ArgumentError, DatasetError
+from zbuf_occlude.datasets.real.sydney import SOURCE, VEHICLES
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.drawing.pictures import GREY, canvas
 from zbuf_occlude.studies.learn.evaluation import Confusion
@@ -51,7 +52,6 @@ from zbuf_occlude.studies.paper.design import (
     paper_name,
     printed,
 )
-from zbuf_occlude.studies.paper.real_scans import SOURCE, VEHICLES
 from zbuf_occlude.studies.paper.results import (
     AREAS,
     PICTURE,

@@ -1,0 +1,269 @@
+"""Crops of labelled sweeps: points counted by an independent box test, layouts, the ground, duplicates, the folder."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import DATA
+from zbuf_occlude.datasets.cloud_files import read_points
+from zbuf_occlude.datasets.real.crops import FIELDS, check_empty, crop_objects
+from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.sensors.scenes import moved
+
+KITTI = DATA / "kitti"
+needs_kitti = pytest.mark.skipif(not KITTI.is_dir(), reason=f"{KITTI} is not there; set ZBUF_OCCLUDE_DATA")
+
+
+def counted_by_half_spaces(root: Path, stem: str, above: float, margin: float) -> list[tuple[str, int]]:
+    """Count the points in each box of a KITTI sweep: by its eight corners in the camera's frame and six half-spaces."""
+    points = np.fromfile(root / f"velodyne/{stem}.bin", np.float32).reshape(-1, 4)[:, :3].astype(float)
+    rows = dict(line.split(":", 1) for line in (root / f"calib/{stem}.txt").read_text().splitlines() if ":" in line)
+    rectify = np.array(rows["R0_rect"].split(), float).reshape(3, 3)
+    to_camera = np.array(rows["Tr_velo_to_cam"].split(), float).reshape(3, 4)
+    seen = (points @ to_camera[:, :3].T + to_camera[:, 3]) @ rectify.T
+    found = []
+    for line in (root / f"label_2/{stem}.txt").read_text().splitlines():
+        label, *numbers = line.split()
+        if label == "DontCare":
+            continue
+        height, width, length, x, y, z, turn = map(float, numbers[7:14])
+        ahead = np.array([np.cos(turn), 0.0, -np.sin(turn)])
+        aside = np.array([np.sin(turn), 0.0, np.cos(turn)])
+        local = seen - [x, y, z]
+        rise = -local[:, 1]  # the camera's y axis points down
+        inside = (np.abs(local @ ahead) <= length / 2 + margin) & (np.abs(local @ aside) <= width / 2 + margin)
+        inside &= (rise <= height + margin) & (rise > above if above else rise >= -margin)
+        found.append((label, int(inside.sum())))
+    return found
+
+
+@needs_kitti
+@pytest.mark.parametrize(("ground", "margin"), [(None, 0.0), (0.15, 0.0), (None, 0.1), (0.2, 0.05)])
+def test_points_per_object_are_those_of_an_independent_count(ground: float | None, margin: float) -> None:
+    crops = zo.crop_objects(KITTI, ground=ground, margin=margin, least_points=1, distinct=0)
+    expected = []
+    for file in sorted((KITTI / "training/velodyne").glob("*.bin")):
+        expected += counted_by_half_spaces(KITTI / "training", file.stem, ground or 0.0, margin)
+    assert [(crop.box.label, len(crop.points)) for crop in crops] == [row for row in expected if row[1]]
+    assert len(crops) > 30
+
+
+def boxes_file(folder: Path, sweeps: dict[str, np.ndarray], rows: list[dict[str, object]], form: str = "csv") -> Path:
+    """Write clouds as .npy, and a table of boxes."""
+    folder.mkdir(exist_ok=True)
+    for name, points in sweeps.items():
+        np.save(folder / name, points)
+    path = folder / f"boxes.{form}"
+    if form == "json":
+        path.write_text(json.dumps(rows))
+        return path
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    return path
+
+
+def scene(x: float = 12.0, yaw: float = 30.0, slope: float = 0.0) -> tuple[np.ndarray, dict[str, object], np.ndarray]:
+    """Return a cloud of a sloping ground and of a box on it, the box's row, and which points are the object's."""
+    rng = np.random.default_rng(1)
+    flat = rng.uniform(-6, 6, (3000, 2))
+    ground = np.column_stack([flat, slope * flat[:, 0] - 0.75 + rng.normal(0, 0.01, 3000)])
+    body = rng.uniform(-0.5, 0.5, (200, 3)) * [4.2, 1.8, 1.5]
+    body = body[body[:, 2] > slope * body[:, 0] - 0.75 + 0.15]
+    pose = moved(yaw=np.radians(yaw), to=(x, 3.0, -0.9))
+    local = np.concatenate([ground, body])
+    row = {"file": "a.npy", "label": "Car", "x": x, "y": 3.0, "z": -0.9, "length": 4.2, "width": 1.8, "height": 1.5}
+    return local @ pose[:3, :3].T + pose[:3, 3], {**row, "yaw": yaw}, local[len(ground) :]
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.08])
+def test_a_fitted_ground_goes_and_the_object_stays(tmp_path: Path, slope: float) -> None:
+    points, row, body = scene(slope=slope)
+    source = boxes_file(tmp_path, {"a.npy": points}, [row])
+    (crop,) = crop_objects(source)
+    assert len(crop.points) == len(body)
+    assert np.allclose(crop.points, body, atol=1e-9), "in the frame of the box"
+    (whole,) = crop_objects(source, ground=None)
+    assert len(whole.points) > len(body) + 50
+    (cut,) = crop_objects(source, ground=0.15)
+    assert (len(cut.points) == len(body)) == (slope == 0.0), "a constant height does not follow a slope"
+
+
+def test_both_forms_of_a_table_and_both_frames(tmp_path: Path) -> None:
+    points, row, body = scene()
+    of_csv, of_json = (
+        crop_objects(boxes_file(tmp_path / form, {"a.npy": points}, [row], form), frame="sensor")
+        for form in ("csv", "json")
+    )
+    assert (of_csv[0].points == of_json[0].points).all()
+    assert np.allclose(of_csv[0].points, points[-len(body) :]), "the sensor is the origin"
+    x, y, z = of_csv[0].eye
+    heading = np.radians(30.0)
+    to_sensor = -np.array([12.0, 3.0, -0.9])
+    assert [x, y] == pytest.approx([np.cos(heading) * to_sensor[0] + np.sin(heading) * to_sensor[1],
+                                    -np.sin(heading) * to_sensor[0] + np.cos(heading) * to_sensor[1]])  # fmt: skip
+    assert z == pytest.approx(0.9)
+    assert of_csv[0].range == pytest.approx(np.hypot(12, 3))
+
+
+def test_near_duplicates_are_left_out(tmp_path: Path) -> None:
+    """The sensor stands, creeps by .6 m, and has gone 3 m: the first and the last view of the same car differ."""
+    rows, sweeps = [], {}
+    for name, x in (("a", 12.0), ("b", 12.0), ("c", 11.4), ("d", 9.0)):
+        points, row, _ = scene(x)
+        sweeps[f"{name}.npy"] = points
+        rows.append({**row, "file": f"{name}.npy"})
+    source = boxes_file(tmp_path, sweeps, rows)
+    crops = crop_objects(source)
+    assert [crop.sweep for crop in crops] == ["a.npy", "d.npy"]
+    assert crops.left_out["near duplicates"] == 2
+    assert len(crop_objects(source, distinct=0)) == 4
+    assert [crop.sweep for crop in crop_objects(source, distinct=0.5)] == ["a.npy", "c.npy", "d.npy"]
+    tracked = [{**row, "track": number} for number, row in enumerate(rows)]
+    assert len(crop_objects(boxes_file(tmp_path, sweeps, tracked))) == 4, "other tracks are other objects"
+
+
+def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
+    points, row, _ = scene()
+    rows = [row, {**row, "label": "vehicle.van"}, {**row, "label": "Tree"}, {**row, "label": "Car", "x": 40.0}]
+    source = boxes_file(tmp_path, {"a.npy": points}, rows)
+    crops = crop_objects(source, classes={"car": ["Car", "vehicle.*"]}, range=(5, 30))
+    assert [crop.class_name for crop in crops] == ["car", "car"]
+    assert crops.left_out == {"of other labels": 1, "out of range": 1}
+    assert crops.counts() == (["10-20 m"], {"car": [2]})
+    assert crop_objects(source, least_points=10**6).left_out == {"with fewer than 1000000 points": 4}
+    for options, words in (
+        ({"classes": {"car": "car"}}, "label of .*: Car, Tree, vehicle.van; got car.* mean 'Car'"),
+        ({"least_points": 0}, "least_points must be a positive int"),
+        ({"margin": -1.0}, "margin must be a number of metres, 0 or more; got -1"),
+        ({"ground": "flat"}, "ground must be a number of metres"),
+        ({"range": (9, 3)}, "range must be metres"),
+        ({"frame": "world"}, "frame must be one of object, sensor"),
+        ({"classes": {"car": []}}, "a class must have a name and labels"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            crop_objects(source, **options)  # type: ignore[arg-type]
+
+
+def test_the_folder_is_read_as_a_dataset(tmp_path: Path) -> None:
+    points, row, body = scene()
+    rows = [row, {**row, "label": "Bus"}]
+    crop_objects(boxes_file(tmp_path / "in", {"a.npy": points}, rows), tmp_path / "out")
+    table = list(csv.DictReader((tmp_path / "out/objects.csv").open()))
+    assert list(table[0]) == list(FIELDS)
+    assert [line["file"] for line in table] == ["Car/a.npy-0.ply", "Bus/a.npy-0.ply"]
+    assert float(table[0]["range"]) == pytest.approx(np.hypot(12, 3), rel=1e-5)
+    assert float(table[0]["yaw"]) == pytest.approx(30.0)
+    assert int(table[0]["n_points"]) == len(body)
+    source = open_dataset(tmp_path / "out")
+    records = source.take(source.order["test"])
+    assert [source.plan.classes[i] for i in records["label"][:, 0]] == ["Bus", "Car"]
+    for cloud in records["data"]:
+        assert np.allclose(np.sort(cloud, axis=0), np.sort(body, axis=0), atol=1e-6)
+        assert not np.allclose(cloud, body, atol=1e-3), "in random order: loaders take the first n"
+    assert records["view"][:, 2] == pytest.approx(np.hypot(12, 3), rel=1e-5)
+    assert source.origins == ["a.npy", "a.npy"]
+    with pytest.raises(zo.DatasetError, match="must be an empty folder"):
+        check_empty(tmp_path / "out")
+
+
+def test_pytorch_reads_crops(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    points, row, body = scene()
+    crop_objects(boxes_file(tmp_path / "in", {"a.npy": points}, [row, {**row, "label": "Bus"}]), tmp_path / "out")
+    clouds = zo.torch.CloudDataset(tmp_path / "out", "train", n_points=64)
+    cloud, label = clouds[1]
+    assert (len(clouds), clouds.classes, int(label)) == (2, ["Bus", "Car"], 1)
+    rows = {tuple(point) for point in body.astype(np.float32)}
+    assert {tuple(point) for point in cloud.numpy()} <= rows
+
+
+def test_nuscenes(tmp_path: Path) -> None:
+    """The sensor turned by a quarter on its car, the car turned and moved in the world, as the schema says."""
+    points, row, body = scene()
+    quarter, world = moved(yaw=-np.pi / 2, to=(0.9, 0.0, 1.8)), moved(yaw=0.7, to=(400.0, 1100.0, 0.0))
+
+    def quaternion(yaw: float) -> list[float]:
+        return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+
+    centre = (world @ quarter @ [row["x"], row["y"], row["z"], 1.0])[:3].tolist()
+    yaw = np.radians(30.0) - np.pi / 2 + 0.7
+    box = {"token": "a", "sample_token": "s", "instance_token": "i", "translation": centre, "size": [1.8, 4.2, 1.5]}
+    frame = {"token": "d", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
+             "is_key_frame": True, "filename": "samples/LIDAR_TOP/1.pcd.bin"}  # fmt: skip
+    tables = {
+        "sample_annotation": [{**box, "rotation": quaternion(yaw)}],
+        "sample_data": [frame, {**frame, "token": "sweep", "is_key_frame": False}],
+        "sensor": [{"token": "t", "channel": "LIDAR_TOP"}],
+        "calibrated_sensor": [
+            {"token": "c", "sensor_token": "t", "translation": [0.9, 0.0, 1.8], "rotation": quaternion(-np.pi / 2)}
+        ],
+        "ego_pose": [{"token": "e", "translation": [400.0, 1100.0, 0.0], "rotation": quaternion(0.7)}],
+        "instance": [{"token": "i", "category_token": "k"}],
+        "category": [{"token": "k", "name": "vehicle.car"}],
+    }
+    (tmp_path / "v1.0-mini").mkdir()
+    for name, rows in tables.items():
+        (tmp_path / "v1.0-mini" / f"{name}.json").write_text(json.dumps(rows))
+    with pytest.raises(zo.DatasetError, match=r"1\.pcd\.bin must be there.*it is missing"):
+        crop_objects(tmp_path)
+    (tmp_path / "samples" / "LIDAR_TOP").mkdir(parents=True)
+    np.column_stack([points, np.zeros((len(points), 2))]).astype("<f4").tofile(tmp_path / str(frame["filename"]))
+    (crop,) = crop_objects(tmp_path)
+    assert (crop.class_name, crop.box.track, crop.sweep) == ("vehicle.car", "i", "1")
+    assert np.allclose(crop.points, body, atol=1e-4)
+    (tmp_path / "v1.0-mini" / "ego_pose.json").write_text("[{}]")
+    with pytest.raises(zo.DatasetError, match=r"ego_pose\.json must be .*no 'token'"):
+        crop_objects(tmp_path)
+
+
+def test_files_of_clouds(tmp_path: Path) -> None:
+    """Every format has the same points; those not finite and at the origin are no returns."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(20, 3)).astype(np.float32)
+    odd = np.concatenate([points, [[np.nan, 0, 0], [0, 0, 0]]]).astype(np.float32)
+    np.save(tmp_path / "a.npy", odd)
+    np.savez(tmp_path / "a.npz", points=odd)
+    np.column_stack([odd, np.ones(22)]).astype("<f4").tofile(tmp_path / "a.bin")
+    np.column_stack([odd, np.ones((22, 2))]).astype("<f4").tofile(tmp_path / "a.pcd.bin")
+    structured = np.empty(22, [(axis, "<f8") for axis in "zyx"])
+    for axis, column in zip("xyz", odd.T, strict=True):
+        structured[axis] = column
+    np.save(tmp_path / "b.npy", structured)
+    for name in ("a.npy", "a.npz", "a.bin", "a.pcd.bin", "b.npy"):
+        assert (read_points(tmp_path / name) == points).all(), name
+    (tmp_path / "mesh.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n3 0 0 0\n"
+    )
+    for name, words in (("mesh.ply", "has faces"), ("none.npy", "No such file"), ("a.xyz", "must end in one of")):
+        with pytest.raises(zo.DatasetError, match=words):
+            read_points(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("file,label,x,y,z,length,width,height\na.npy,Car,1,2,far,4,2,1.5\n", "z in row 1 of .* must be a number"),
+        ("file,label,x,y,z,length,width,height\na.npy,Car,1,2,3,-4,2,1.5\n", "length in row 1 .* from 0"),
+        ("label,x,y,z,length,width,height\nCar,1,2,3,4,2,1.5\n", "file in row 1 of .* must be a line"),
+        ("file,label,x,y,z,length,width,height\nno.npy,Car,1,2,3,4,2,1.5\n", r"no\.npy: cannot read the points"),
+    ],
+)
+def test_what_is_wrong_with_a_table(tmp_path: Path, table: str, words: str) -> None:
+    (tmp_path / "boxes.csv").write_text(table)
+    with pytest.raises(zo.DatasetError, match=words):
+        crop_objects(tmp_path / "boxes.csv")
+
+
+def test_a_sweep_that_cannot_be_read_is_named_and_the_rest_goes_on(tmp_path: Path) -> None:
+    points, row, _ = scene()
+    (tmp_path / "b.npy").write_bytes(b"no")
+    crops = crop_objects(boxes_file(tmp_path, {"a.npy": points}, [row, {**row, "file": "b.npy"}]))
+    assert (len(crops), crops.n_sweeps) == (1, 1)
+    assert "b.npy: cannot read" in crops.failures["1"]
