@@ -192,8 +192,8 @@ def generate_command(
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
-      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 10..40 --views ring:8@0 --out roads
-      zbuf-occlude generate --shapes road-users --complete --views ring:8@0 --out complete-roads
+      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 5..50@area --views drive:8 --scale metres
+      zbuf-occlude generate --shapes road-users --complete --views drive:8 --scale metres --out complete
     """
     idle = explicitly_set(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:

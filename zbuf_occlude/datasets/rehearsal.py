@@ -81,8 +81,7 @@ def n_functions(recipe: DatasetConfig) -> int | None:
 def warm_up_jit(recipe: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
-    scanned = recipe.setup is not None and not recipe.complete
-    if scanned:
+    if recipe.setup is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
         setup = ScanConfig(make("hdl-64e").to_dict(), size="file", method=recipe.method, **whole)
         small = replace(small, scanning=setup.to_dict())
@@ -90,7 +89,7 @@ def warm_up_jit(recipe: DatasetConfig) -> None:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
         make_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
-        if scanned:  # ask as scans of large things in scenes do
+        if recipe.setup is not None and not recipe.complete:  # ask as scans of large things in scenes do
             mesh = load_mesh(path)
             eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
             rays = np.random.default_rng(0).normal(size=(10_000, 3))
