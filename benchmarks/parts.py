@@ -74,6 +74,7 @@ PARTS = (
     Part("modelnet-o", "python benchmarks/modelnet_o.py", 2, text=True),
     Part("preset-costs", "python benchmarks/dataset_costs.py presets", 2, "--limit 2"),
     Part("scan-costs", "python benchmarks/dataset_costs.py scans", 1, "--limit 2"),
+    Part("drive-headings", f"python benchmarks/drive_headings.py {DATA}/kitti", 0.5),
     Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4),
     Part("on-the-fly", "python benchmarks/on_the_fly.py", 1, "--seconds 1 --meshes 4", text=True),
     Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8"),

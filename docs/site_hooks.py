@@ -27,7 +27,7 @@ API = {
     "positions": (
         "Camera positions",
         "views.",
-        ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3"),
+        ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3", "drive"),
     ),
     "visibility": ("Visibility", "", ("prepare", "visibility.interface.VisibilityQuery")),
     "methods": ("Methods", "", ("visibility.interface.Method",)),

@@ -88,6 +88,15 @@ def test_random_is_uniform_on_its_band_and_of_its_seed() -> None:
         ("fibonacci:10", views.fibonacci(10, 2.5)),
         ("random:7", views.random(7, distance=2.5, seed=9)),
         ("random:7@0..50", views.random(7, elevation=(0, 50), distance=2.5, seed=9)),
+        ("ring:5@20,az=-30..30", views.ring(5, elevation=20, azimuth=(-30, 30), distance=2.5)),
+        ("ring:5@0..15", views.ring(5, elevation=(0, 15), distance=2.5, seed=9)),
+        ("ring:5@0..15,az=-30..30", views.ring(5, elevation=(0, 15), azimuth=(-30, 30), distance=2.5, seed=9)),
+        ("grid:2x3,az=0..90", views.grid(2, 3, azimuth=(0, 90), distance=2.5)),
+        ("grid:2x3@0..50,az=0..90", views.grid(2, 3, elevation=(0, 50), azimuth=(0, 90), distance=2.5)),
+        ("random:7,az=10..20", views.random(7, azimuth=(10, 20), distance=2.5, seed=9)),
+        ("random:7@0..50,az=10..20", views.random(7, elevation=(0, 50), azimuth=(10, 20), distance=2.5, seed=9)),
+        ("drive:7", views.drive(7, distance=2.5, seed=9)),
+        ("drive:7@0..9", views.drive(7, elevation=(0, 9), distance=2.5, seed=9)),
     ],
 )
 def test_specs(spec: str, expected: Views) -> None:
@@ -109,6 +118,11 @@ def test_specs(spec: str, expected: Views) -> None:
         ("random:0", "n_views must be a positive int; got 0."),
         ("ring:8@100", "elevations must run upwards within -90..90 degrees; got 100..100."),
         ("random:5@50..0", "elevations must run upwards within -90..90 degrees; got 50..0."),
+        ("ring:8@0,az=30", "After ring: must come N@EL[,az=AZ0..AZ1] or N@EL0..EL1[,az=AZ0..AZ1]; got '8@0,az=30'."),
+        ("ring:8@0,az=30..-30", "azimuths must run upwards by at most 360 degrees, within -360..360; got 30..-30."),
+        ("random:8,az=-20..341", "got -20..341."),
+        ("drive:0", "n_views must be a positive int; got 0."),
+        ("drive:8@20", "After drive: must come N[@EL0..EL1]; got '8@20'."),
         ("grid:2x3@0..91", "elevations must run upwards within -90..90 degrees; got 0..91."),
         ("no/such/file.csv", "a file must be readable; no/such/file.csv: "),
     ],
@@ -116,6 +130,46 @@ def test_specs(spec: str, expected: Views) -> None:
 def test_bad_specs(spec: str, message: str) -> None:
     with pytest.raises(OptionError, match=re.escape(message)):
         views.parse(spec)
+
+
+def test_bands_of_azimuth() -> None:
+    assert np.allclose(np.degrees(views.parse("ring:5@20,az=-30..30").azimuth), [-30, -15, 0, 15, 30])
+    assert np.allclose(np.degrees(views.parse("ring:1@20,az=10..30").azimuth), [20])
+    assert np.allclose(np.degrees(views.parse("ring:4@20,az=-180..180").azimuth), [-180, -90, 0, 90])
+    drawn = views.parse("random:20000@0..0,az=-10..20", seed=2).azimuth
+    assert (np.degrees([-drawn.min(), drawn.max()]) > [9.9, 19.9]).all()
+    assert (np.degrees([-drawn.min(), drawn.max()]) <= [10, 20]).all()
+    assert abs(np.degrees(drawn).mean() - 5) < 4 * 30 / np.sqrt(12 * 20_000)
+    spread = views.parse("ring:20000@0..30", seed=1)
+    assert abs(np.sin(spread.elevation).mean() - 0.25) < 4 * 0.5 / np.sqrt(12 * 20_000)
+    assert np.array_equal(spread.azimuth, views.ring(20_000, elevation=0).azimuth)
+    assert views.is_random("ring:8@0..15,az=-30..30")
+    assert not views.is_random("ring:8@0,az=-30..30")
+
+
+def smirnov(drawn: np.ndarray, law: Any) -> float:
+    """Kolmogorov's and Smirnov's distance times the root of the number: above 2.23 in one of 10,000 samples."""
+    drawn, n = np.sort(drawn), len(drawn)
+    expected = law(drawn)
+    return float(max((np.arange(1, n + 1) / n - expected).max(), (expected - np.arange(n) / n).max()) * np.sqrt(n))
+
+
+@pytest.mark.parametrize("half_within", [15.0, 40.0])
+def test_drive_is_its_law(half_within: float) -> None:
+    """F(d) = 2 / pi atan(tan(d) / tan(half_within)) of the angle d to the y axis; sides and ends equally likely."""
+    made = views.drive(20_000, half_within=half_within, elevation=(0, 12), seed=4)
+    x, y = made.eyes[:, 0], made.eyes[:, 1]
+    angles = np.degrees(np.arctan2(np.abs(x), np.abs(y)))
+    narrow = np.tan(np.radians(half_within))
+    assert smirnov(angles, lambda d: 2 / np.pi * np.arctan(np.tan(np.radians(d)) / narrow)) < 2.23
+    assert abs((angles < half_within).mean() - 0.5) < 4 * 0.5 / np.sqrt(20_000)
+    for half in (x > 0, y > 0, (x > 0) == (y > 0)):
+        assert abs(half.mean() - 0.5) < 4 * 0.5 / np.sqrt(20_000)
+    assert smirnov(np.sin(made.elevation) / np.sin(np.radians(12)), lambda s: s) < 2.23
+    assert views.is_random("drive:3")
+    assert not views.parse("drive:3").elevation.any()
+    with pytest.raises(ArgumentError, match=r"half_within must be degrees in \(0, 90\)"):
+        views.drive(3, half_within=90.0)
 
 
 def test_csv(tmp_path: Path) -> None:

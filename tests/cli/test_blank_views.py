@@ -9,6 +9,7 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import ACROSS, HALVES, box
+from zbuf_occlude.datasets.source import open_dataset
 
 ALONE = "--views ring:1@0 --size file --method exact --sample-size 8 --workers 1"
 PINHOLE = "--sensor pinhole:width=60,height=60,fov=90 --set-sensor range_min=0.8"
@@ -16,6 +17,13 @@ PINHOLE = "--sensor pinhole:width=60,height=60,fov=90 --set-sensor range_min=0.8
 
 def manifest(out: Path) -> dict[str, Any]:
     return dict(json.loads((out / "manifest.json").read_text()))
+
+
+def sorted_records(out: Path) -> Any:
+    """All records of a dataset, by mesh and view."""
+    source = open_dataset(out)
+    records = source.take(np.concatenate(list(source.order.values())))
+    return records[np.lexsort((records["view_id"], records["mesh_id"]))]
 
 
 def rays(path: Path, azimuths: np.ndarray) -> None:
@@ -27,10 +35,50 @@ def test_clouds_of_a_few_points_are_counted(run: Run, tmp_path: Path, n: int, n_
     """Of a plate that every ray meets: a point per ray, 100 times each, so that only distinct ones tell."""
     write_off(tmp_path / "plate.off", ACROSS, HALVES)
     rays(tmp_path / "rays.csv", np.repeat(np.linspace(-2, 2, n), 100))
-    outcome = run(f"generate plate.off --sensor rays.csv --range 5 {ALONE} --out out")
+    outcome = run(f"generate plate.off --sensor rays.csv --range 5 {ALONE} --least-points 0 --out out")
     counts = manifest(tmp_path / "out")["counts"]
     assert (counts["clouds"], counts["clouds_of_fewer_than_16_distinct_points"]) == (1, n_few)
     assert ("1 of 1 cloud show fewer than 16 distinct points" in outcome.out) == bool(n_few)
+
+
+@pytest.mark.parametrize(("least", "n_clouds"), [(None, 0), (15, 1), (16, 0)])
+def test_scans_of_too_few_points_are_left_out(run: Run, tmp_path: Path, least: int | None, n_clouds: int) -> None:
+    """Of 15 rays at a plate, 100 times each: fewer than the default, 16."""
+    write_off(tmp_path / "plate.off", ACROSS, HALVES)
+    rays(tmp_path / "rays.csv", np.repeat(np.linspace(-2, 2, 15), 100))
+    given = "" if least is None else f"--least-points {least}"
+    run(
+        f"generate plate.off --sensor rays.csv --range 5 {ALONE} {given} --out out",
+        code=1 - n_clouds,
+        says="" if n_clouds else "only 15 distinct points, fewer than --least-points 16",
+    )
+
+
+@pytest.mark.parametrize("format", ["hdf5", "packed"])
+def test_what_least_points_leaves_out_is_what_a_run_with_0_has_beside(run: Run, tmp_path: Path, format: str) -> None:
+    line = (
+        "generate --sensor vlp-16 --set-sensor columns=200 --range 5..60 --views ring:6@0 --limit 3 --sample-size 64 "
+        f"--method exact --format {format} --workers 1"
+    )
+    outcome = run(f"{line} --out some")
+    assert "left out" not in run(f"{line} --least-points 0 --out every").out
+    some, every = (sorted_records(tmp_path / name) for name in ("some", "every"))
+    n_points = np.array([len(np.unique(record["data"], axis=0)) for record in every])
+    assert 0 < (n_points < 16).sum() < len(every) - 1
+    assert some.tobytes() == every[n_points >= 16].tobytes()
+    counts, n_sparse = manifest(tmp_path / "some")["counts"], int((n_points < 16).sum())
+    assert counts["scans_of_too_few_points"] == n_sparse
+    assert counts["clouds"] == len(every) - n_sparse
+    assert counts["views_that_see_nothing"] == manifest(tmp_path / "every")["counts"]["views_that_see_nothing"]
+    assert f"{n_sparse} scans of {len(every)} left out: fewer than 16 distinct points" in outcome.out
+    blank = manifest(tmp_path / "some")["blank_views"]
+    assert sum(each["n_views"] for each in blank.values()) == 18 - len(some)
+    if format == "hdf5":
+        run("verify some --samples 3")
+
+
+def test_least_points_is_for_scans(run: Run) -> None:
+    run("generate --least-points 4 --limit 1 --out out", code=2, says="--least-points is for scans; give --sensor")
 
 
 def test_points_in_one_place_are_no_cloud(run: Run, tmp_path: Path) -> None:

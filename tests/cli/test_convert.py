@@ -101,7 +101,7 @@ def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_pat
     assert [each["complete"] for each in (report, *report["others"])] == [True, True]
     verdict = run(f"verify {out} --samples 2")
     assert verdict.out.count("the dataset is what its manifest says") == 2
-    assert "complete clouds: nothing to ask of the oracle" in verdict.out
+    assert "points of complete clouds: on the surface, and all over it" in verdict.out
 
 
 @pytest.mark.parametrize("place", ["itself", "another that was generated"])

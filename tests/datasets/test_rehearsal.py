@@ -29,7 +29,7 @@ boxes = ["boxes"] if kind.endswith("boxes") else []
 keep = "all" if boxes else "target"
 setup = scene and asdict(ScanConfig(make("hdl-64e").to_dict(), range=(10.0, 10.0), scene=scene, keep=keep))
 compiler.note_compiled = print
-recipe = DatasetConfig(method, views="ring:2@0", scanning=setup or None, attributes=boxes)
+recipe = DatasetConfig(method, views="ring:2@0", scanning=setup or None, attributes=boxes, complete=kind == "complete")
 warm_up_jit(recipe)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() if method == "depth_buffer" else nullcontext() as gl:
@@ -48,6 +48,8 @@ print(sorted(compiled() - ahead))
         pytest.param("depth_buffer", "", "depth_buffer", marks=pytest.mark.gl),
         ("exact", "street", "exact-scans"),
         ("exact", "street", "exact-boxes"),
+        ("exact", "", "complete"),
+        ("exact", "street", "complete"),
     ],
 )
 def test_a_job_calls_no_function_that_was_not_compiled_ahead(method: str, scene: str, kind: str) -> None:

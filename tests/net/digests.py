@@ -33,7 +33,7 @@ Key = tuple[Any, ...]
 SMALL = ("--views", "ring:16@20", "--points", "300", "--sample-size", "16")
 STREET = (
     *("--sensor", "vlp-16", "--set-sensor", "columns=360", "--range", "5..10", "--views", "random:2@0..9"),
-    *("--scene", "street", "--hidden", "0..0.5", "--sample-size", "16"),
+    *("--scene", "street", "--hidden", "0..0.5", "--sample-size", "16", "--least-points", "0"),
 )
 DATASETS: dict[str, tuple[str, ...]] = {
     # two files of train: 2,880 of 3,840 clouds

@@ -121,7 +121,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @frame_options
-@click.option("--samples", type=click.IntRange(1), default=50, help="Clouds that the oracle checks.")
+@click.option("--samples", type=click.IntRange(1), default=50, help="Clouds held against their meshes.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
 @click.pass_context
@@ -136,10 +136,11 @@ def verify_command(
     shard: str | None,
     **options: Any,
 ) -> None:
-    """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
+    """Verify the finished dataset in DIR: checksums, counts, readability; and some clouds against their meshes.
 
-    For the oracle give the meshes the dataset was made of; built-in shapes are known. Complete clouds that
-    a preset made are verified too. Exit code 1 when something is not sound.
+    Give the meshes the dataset was made of; built-in shapes are known. Occluded clouds are asked of the oracle, scans
+    are made again, complete clouds must cover the surface. Complete clouds that a preset made are verified too. Exit
+    code 1 when something is not sound.
 
     \b
     Example:
@@ -162,9 +163,7 @@ def check(
     """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
     collection = None
-    if plan.recipe.complete:
-        echo("complete clouds: nothing to ask of the oracle")
-    elif meshes:
+    if meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
         collection = MeshCollection.from_paths(meshes, up=frame[0], unit=frame[1], colors=has_windows)
     else:
@@ -175,11 +174,14 @@ def check(
     echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
         echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+    elif plan.recipe.complete and verdict.n_checked:
+        spread = "not all on the surface, or not all over it" if verdict.faults else "on the surface, and all over it"
+        echo(f"{verdict.n_checked} points of complete clouds: {spread}")
     elif plan.recipe.setup is not None and verdict.n_checked:
         same = "not all the same" if verdict.faults else "the same"
         echo(f"{verdict.n_checked} points scanned again: {same}")
-    elif collection is None and not plan.recipe.complete:
-        echo("not asked of the oracle: give the meshes the dataset was made of")
+    elif collection is None:
+        echo("not held against the meshes: give those the dataset was made of")
     for fault in verdict.faults:
         echo(f"fault: {fault}", err=True)
     if verdict.faults:

@@ -12,7 +12,7 @@ from zbuf_occlude.base.jit.compiler import announce
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
-from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
+from zbuf_occlude.cli.scan_options import are_shapes_in_metres, check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -45,7 +45,7 @@ from zbuf_occlude.datasets.rehearsal import is_warm, n_functions, needs_no_check
 from zbuf_occlude.datasets.workers import Done, Run, Task
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
-from zbuf_occlude.sensors.setup import SURFACE, ScanConfig, span_of
+from zbuf_occlude.sensors.setup import LEAST_POINTS, SURFACE, ScanConfig, span_of
 from zbuf_occlude.visibility import find_method
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
@@ -82,6 +82,12 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 )
 @method_options(also=(AUTO,))
 @scan_options(SURFACE)
+@click.option(
+    "--least-points",
+    type=click.IntRange(0),
+    metavar="N",
+    help=f"Scans of fewer distinct points are left out; 0: none.  [default: {LEAST_POINTS}]",
+)
 @click.option("--views", default="modelnet8", help=VIEWS)
 @distance_option
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object.  [default: 20000]")
@@ -94,6 +100,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     default="2048",
     help="Points kept in each cloud; all: every visible one.",
 )
+@click.option("--complete", is_flag=True, help="Complete clouds: points of the whole surface, whatever the views see.")
 @click.option(
     "--subset",
     type=Name(SUBSETS),
@@ -118,7 +125,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "--scale",
     type=Name(SCALES),
     default="cloud",
-    help="What gets the longest side 1: each cloud, the object, or nothing (mesh).",
+    help="Longest side 1 of each cloud, or of the object; metres: clouds centred, of true size; mesh: as it is.",
 )
 @click.option(
     "--frame",
@@ -158,6 +165,7 @@ def generate_command(
     retry_failed: bool,
     overwrite: bool,
     dry_run: bool,
+    complete: bool,
     **recipe: Any,
 ) -> None:
     """Make a dataset of occluded point clouds.
@@ -184,7 +192,8 @@ def generate_command(
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
-      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 10..40 --views ring:8@0 --out roads
+      zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 5..50@area --views drive:8 --scale metres
+      zbuf-occlude generate --shapes road-users --complete --views drive:8 --scale metres --out complete
     """
     idle = explicitly_set(context, ("shapes",) if meshes else ("up", "unit"))
     if idle:
@@ -192,11 +201,16 @@ def generate_command(
     limits = Limits(mesh_seconds, mesh_gigabytes)
     run = pop_engine(context, recipe, limits)
     row = find_format(format)
-    setup = pop_scan_options(context, recipe, sampled=row.keeps_points or row.complete)
+    if complete and (idle := explicitly_set(context, ("method", "settings"))):
+        raise click.UsageError(f"{idle[0]} must go without --complete: nothing is hidden. Leave it out.")
+    complete = complete or row.complete
+    setup = pop_scan_options(context, recipe, sampled=row.keeps_points or complete)
     if setup is not None:
         method = setup.method
-        if row.complete:
-            echo(f"{format} holds whole objects alone, as they stand before the sensor: nothing is scanned", err=True)
+        if complete:
+            echo("complete clouds: whole objects as they stand before the sensor; nothing is scanned", err=True)
+    if recipe["scale"] == "metres" and setup is None and unit is None and not are_shapes_in_metres(context):
+        raise click.UsageError("--scale metres needs lengths in metres: give --unit of the files, or --sensor.")
     points, density = recipe.pop("points"), recipe.pop("density")
     recipe["distance"], recipe["farthest"] = recipe["distance"]
     if recipe["overlap"] is not None:
@@ -207,7 +221,10 @@ def generate_command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
+    if complete and setup is None:
+        choice = Choice("exact", "")  # never asked: it needs no OpenGL
+    else:
+        choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
     method = choice.method
     wanted = None if preset is None else find_preset(preset)
     choose = MeshCollection.interleaved if wanted is None else wanted.choose
@@ -232,7 +249,7 @@ def generate_command(
         method_options=parse_settings(method, settings) if method != AUTO else dict(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
-        complete=row.complete,
+        complete=complete,
         scanning=None if setup is None else setup.to_dict(),
         **recipe,
     )
@@ -247,7 +264,7 @@ def generate_command(
             f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
         )
     plans = [(plan, out)]
-    if wanted is not None and wanted.original:
+    if wanted is not None and wanted.original and not complete:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     if dry_run:
         report(plans, overwrite, require_gpu)

@@ -46,7 +46,7 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
 
 
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
-    """Yield warnings: colours and windows that meshes lack, few distinct points, cameras inside their objects."""
+    """Yield warnings: lacking colours and windows, scans left out, few distinct points, cameras inside objects."""
     counts = document["counts"]
     if n := counts.get("meshes_without_colors"):
         yield (
@@ -62,6 +62,12 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
         names = ", ".join(document["options"]["scanning"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
+    if n := counts.get("scans_of_too_few_points"):
+        least = document["options"]["scanning"]["least_points"]
+        yield (
+            f"{counted(n, 'scan')} of {counts['clouds'] + n} left out: fewer than {least} distinct points "
+            "(--least-points 0 keeps them)"
+        )
     if n := counts.get(f"clouds_of_fewer_than_{FEW}_distinct_points"):
         total = counts["clouds"]
         yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +74,9 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--range",
             "range_",
-            metavar="M|A..B",
-            help="Distance of sensor and object, metres.  [default: from the views]",
+            metavar="M|A..B[@area]",
+            help="Distance of sensor and object, metres; drawn uniformly in range, or in area.  "
+            "[default: from the views]",
         ),
         click.option(
             "--size",
@@ -119,33 +121,42 @@ def scan_options(sensor: str) -> Decorator:
     )
 
 
+def are_shapes_in_metres(context: click.Context) -> bool:
+    """Return whether a command takes built-in shapes that are in metres."""
+    shapes = None if context.params["meshes"] else context.params.get("shapes")
+    return any(row.in_metres for row in BUILT_IN if row.name == shapes)
+
+
 def size_of_files(context: click.Context, size: str | None) -> str | None:
     """Return the value of --size; `FILE` with --unit, or for built-in shapes in metres.
 
     Raises UsageError for --size together with --unit.
     """
     if context.params.get("unit") is None:
-        shapes = None if context.params["meshes"] else context.params.get("shapes")
-        in_metres = any(row.in_metres for row in BUILT_IN if row.name == shapes)
-        return FILE if in_metres and size is None else size
+        return FILE if are_shapes_in_metres(context) and size is None else size
     if size not in (None, FILE) and explicitly_set(context, ("size",)):
         raise click.UsageError(f"--unit must go without --size {size}, which is in metres for files of any unit.")
     return FILE
 
 
 def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> ScanConfig | None:
-    """Remove the options of `scan_options` from a command's options and return the setup; None without a sensor.
+    """Remove `least_points` and the options of `scan_options` from a command's options; return the setup.
+
+    None is returned without a sensor.
 
     `sampled` is True for formats that hold complete clouds too. Otherwise options of sampling are refused for a sensor.
     """
-    taken = {name: options.pop(name) for name in SCAN_OPTIONS}
+    taken, least_points = {name: options.pop(name) for name in SCAN_OPTIONS}, options.pop("least_points")
     if taken["sensor"] == SURFACE:
+        if least_points is not None:
+            raise OptionError("--least-points is for scans; give --sensor NAME.")
         preset = {name for name in taken if context.get_parameter_source(name) is ParameterSource.DEFAULT_MAP}
         return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # options of the preset's sensor
     if idle := explicitly_set(context, ("settings",) if sampled else ("points", "density", "settings")):
         raise click.UsageError(f"{idle[0]} is for samples of the surface; it does not apply to a sensor. Leave it out.")
     taken["size"] = size_of_files(context, taken["size"])
-    return parse_setup(named_caster(context), taken)
+    setup = parse_setup(named_caster(context), taken)
+    return setup if setup is None or least_points is None else replace(setup, least_points=least_points)
 
 
 def named_caster(context: click.Context) -> str:

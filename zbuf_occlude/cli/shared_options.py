@@ -28,7 +28,7 @@ from zbuf_occlude.views import Views, from_angles
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
 
-VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
+VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, drive:N (as in traffic), ..., a file."
 
 AUTO_ELSEWHERE = f"{AUTO!r} is for `generate` only. Name a method here"
 

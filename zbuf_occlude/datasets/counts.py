@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zbuf_occlude.sensors.setup import LEAST_POINTS
+
 BAD_VIEW = 0.01
 """Share of wrong answers among a view's checked points above which the view counts as bad."""
 CONFIDENCE = 0.95
-FEW = 16
-"""Number of distinct points below which a cloud shows hardly anything of its object."""
+FEW = LEAST_POINTS
+"""Number of distinct points below which clouds are counted as nearly empty."""
 
 
 class Blank(NamedTuple):
@@ -43,6 +45,7 @@ class QualityCounts:
 
     n_clouds: int = 0
     n_blind_views: int = 0  # views that see nothing, and give no cloud
+    n_sparse: int = 0  # scans of fewer distinct points than `ScanConfig.least_points`, which give no cloud
     n_inside: int = 0  # cameras inside the bounding box of their mesh
     n_raised: int = 0  # cameras that would stand below the ground
     n_with_repeats: int = 0  # clouds with fewer visible points than they hold

@@ -233,7 +233,8 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
     ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
     oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
     in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` says what each mesh was made of,
-    ``blank_views`` has the meshes of which views give no cloud, ``left_out`` those without any, ``cut_by_range`` the
+    ``blank_views`` has the meshes of which views give no cloud, ``left_out`` those without any, and
+    ``scans_of_too_few_points`` counts those left out for `ScanConfig.least_points`, ``cut_by_range`` the
     shares of the objects' returns beyond the sensor's limits.
     """
     counts = whole.counts
@@ -255,6 +256,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
             "clouds": counts.n_clouds,
             "clouds_by_split": {split: n for split in plan.splits if (n := whole.n_clouds[split])},
             "views_that_see_nothing": counts.n_blind_views,
+            "scans_of_too_few_points": counts.n_sparse,
             "views_inside_the_bounding_box": counts.n_inside,
             "cameras_raised_above_the_ground": counts.n_raised,
             "clouds_with_repeated_points": counts.n_with_repeats,

@@ -12,6 +12,7 @@ Each file is a ZIP archive; any language reads it. For mesh 17 of the plan and i
     000017/2.visible    for each view of the plan a row of bits, one per point
     000017/2.scans      of scans instead of 2.visible: their points, not rounded (`pack_scans`);
                         all else is then of the object as it stood before the sensor, in metres
+    000017/2.places     of complete clouds before a sensor instead of 2.scans: the table of the k places
     000017/2.normals    with `DatasetConfig.attributes`: unit normals, as the faces are wound, three floats each
     000017/2.colors     likewise: red, green, blue
 
@@ -149,6 +150,18 @@ def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
     return file.getvalue()
 
 
+def pack_places(places: Views) -> bytes:
+    """Return the bytes of the table of some places of a sensor."""
+    file = io.BytesIO()
+    np.save(file, places.to_rows(), allow_pickle=False)
+    return file.getvalue()
+
+
+def unpack_places(content: bytes) -> Views:
+    """Return the places that were packed; raise ValueError for other content."""
+    return Views.from_rows(np.load(io.BytesIO(content), allow_pickle=False))
+
+
 def unpack_scans(content: bytes) -> tuple[ScanPoints, BoolArray, Views]:
     """Return the scans that were packed; raise ValueError or KeyError for other content."""
     file = io.BytesIO(content)
@@ -187,7 +200,10 @@ class Shard:
     def keep(self, sampling: Sampling, key: str, variation: int) -> tuple[SurfacePoints, bytes, list[int]]:
         """Return of one sampling of a mesh the points, bits or scans as bytes, and the views that see nothing."""
         points, mask, views = sampling[:3]
-        seen = pack_scans(points, mask, views) if isinstance(points, ScanPoints) else pack_mask(mask)
+        if not isinstance(points, ScanPoints):
+            seen = pack_mask(mask)
+        else:
+            seen = pack_places(views) if self._plan.recipe.complete else pack_scans(points, mask, views)
         return points, seen, np.flatnonzero(~mask.any(axis=1)).tolist()
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[tuple[SurfacePoints, bytes, list[int]]]) -> None:
@@ -195,7 +211,7 @@ class Shard:
         entry, recipe = self._plan.meshes[mesh_id], self._plan.recipe
         kind, samples = "visible", [points for points, _, _ in kept]
         if recipe.setup is not None:
-            kind = "scans"
+            kind = "places" if recipe.complete else "scans"
             samples = [standing_points(mesh, entry.label, recipe, entry.key, i) for i in range(len(kept))]
             mesh, _ = in_metres(mesh, entry.label, recipe.setup)
         grid = Quantizer.of_box(mesh.bounds)
@@ -349,8 +365,12 @@ class PackedFiles:
             archive = self._archive(path)
             steps, faces = archive.read(f"{name}.steps"), archive.read(f"{name}.faces")
             more = {kind: archive.read(f"{name}.{kind}") for kind in recipe.attributes}
-            scans = None if recipe.setup is None else unpack_scans(archive.read(f"{name}.scans"))
-            bits = archive.read(f"{name}.visible") if scans is None else b""
+            kind = "visible" if recipe.setup is None else "scans"
+            if kind == "scans" and f"{name}.places" in archive.namelist():
+                kind = "places"
+            held = archive.read(f"{name}.{kind}")
+            scans = unpack_scans(held) if kind == "scans" else None
+            places = unpack_places(held) if kind == "places" else None
         positions = Quantizer(np.asarray(facts["low"]), facts["step"]).positions(
             unpack_integers(steps, "<u2", (n_points, 3), "steps")
         )
@@ -361,11 +381,15 @@ class PackedFiles:
         if "colors" in more:
             colors = unpack_integers(more["colors"], "|u1", (n_points, 3), "colours")
         face_ids = unpack_integers(faces, "<i4", (n_points,), "face ids")
-        if scans is not None:
+        if recipe.setup is not None:
             size = {"size": np.array([facts["longest_side"]])}
-            return StoredSampling(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
+            whole = ScanPoints(positions, face_ids, normals, colors, facts=size)
+            if places is not None:
+                return StoredSampling(whole, np.ones((len(places), len(whole)), dtype=bool), places, whole)
+            assert scans is not None
+            return StoredSampling(*scans, whole)
         points = SurfacePoints(positions, face_ids, normals, colors)
-        mask = unpack_mask(bits, len(self.plan.views), n_points)
+        mask = unpack_mask(held, len(self.plan.views), n_points)
         views = self.plan.views_of(self.plan.meshes[mesh_id].key)
         return StoredSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
 

@@ -90,7 +90,7 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
                     counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
-            if views.fov_bounds is not None:
+            if views.fov_bounds is not None and not recipe.complete:
                 mask = mask & views.in_frustum(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
             n_distinct, blank = n_visible.copy(), dict[int, str]()
@@ -103,19 +103,34 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
 
 
 def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: DatasetConfig) -> QualityCounts:
-    """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more."""
+    """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more.
+
+    Views without a cloud have 0 visible points, those left out for too few points more than one place.
+    """
+    sparse = (n_visible == 0) & (n_distinct > 1)
     return QualityCounts(
         n_clouds=int((n_visible > 0).sum()),
-        n_blind_views=int((n_visible == 0).sum()),
+        n_blind_views=int(((n_visible == 0) & ~sparse).sum()),
+        n_sparse=int(sparse.sum()),
         n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
         n_few=int(((n_visible > 0) & (n_distinct < FEW)).sum()),
     )
 
 
-def count_distinct(positions: FloatArray) -> int:
-    """Count the distinct among some positions (n, 3), or `FEW` where as many are among the first."""
-    first = len(np.unique(positions[: 4 * FEW], axis=0))
-    return first if first >= FEW or len(positions) <= 4 * FEW else len(np.unique(positions, axis=0))
+def count_distinct(positions: FloatArray, enough: int = FEW) -> int:
+    """Count the distinct among some positions (n, 3); `enough` and `FEW` or more where the first have as many."""
+    enough = max(enough, FEW)
+    first = len(np.unique(positions[: 4 * enough], axis=0))
+    return first if first >= enough or len(positions) <= 4 * enough else len(np.unique(positions, axis=0))
+
+
+def why_no_cloud(capture: Capture, setup: ScanConfig, places: Views, view: int, n_distinct: int) -> str:
+    """Return why a scan of `n_distinct` distinct points, too few of them, gives no cloud."""
+    if n_distinct > 1:
+        return f"only {n_distinct} distinct points, fewer than --least-points {setup.least_points}"
+    if n_distinct == 1:
+        return IN_ONE_PLACE
+    return why_empty(capture, setup.sensor_of(places, view), setup.method, setup.keep == "all").reason
 
 
 def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:
@@ -215,11 +230,9 @@ def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> It
             facts |= _boxes(capture, label, recipe)
             scan = capture.scan
             counts += QualityCounts.of_cut(*capture.cut)
-            n_distinct[number] = count_distinct(scan.positions)
-            if n_distinct[number] < 2:
-                sensor = setup.sensor_of(places, number)
-                of_all = setup.keep == "all"
-                blank[number] = IN_ONE_PLACE if len(scan) else why_empty(capture, sensor, setup.method, of_all).reason
+            n_distinct[number] = count_distinct(scan.positions, setup.least_points)
+            if n_distinct[number] < max(2, setup.least_points):
+                blank[number] = why_no_cloud(capture, setup, places, number, int(n_distinct[number]))
                 scan = scan.select(np.empty(0, np.intp))
             found.append((scan, facts))
         scans = [scan for scan, _ in found]

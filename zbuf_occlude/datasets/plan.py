@@ -33,7 +33,7 @@ from zbuf_occlude.views import parse as parse_views
 
 Numbers = NDArray[np.intp]
 
-SCALES = ("cloud", "object", "mesh")
+SCALES = ("cloud", "object", "metres", "mesh")
 FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
@@ -115,8 +115,9 @@ class DatasetConfig:
         Which of a cloud's visible points are written: "random", or "fps": farthest-point sampling.
     scale : str
         "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
-        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
-        object's own coordinates.
+        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "metres": each
+        cloud is centred and keeps its size, in the unit of the mesh, which of scans is metres; "mesh": the object's own
+        coordinates.
     frame : str
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": eye space (x right, y up, the camera looks along -z).
@@ -124,7 +125,8 @@ class DatasetConfig:
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
         Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
-        Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
+        Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked,
+        and no sensor scans: with `scanning` the whole object stands before the sensor, in metres.
     scanning : mapping or None
         The fields of a `zbuf_occlude.sensors.setup.ScanConfig`: a sensor's first hits instead of points on the surface.
     overlap : (float, float) or None
@@ -185,6 +187,8 @@ class DatasetConfig:
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
+        if BOXES in self.attributes and self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
         if "colors" in self.attributes and (lacking := missing("PIL")):

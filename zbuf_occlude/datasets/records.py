@@ -164,7 +164,7 @@ def gather_clouds(
     poses, in_camera_frame, upright = views.poses, recipe.frame == "camera", np.eye(4)
     in_scans = isinstance(points, ScanPoints) and not recipe.complete
     whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
-    fitted = recipe.scale == "cloud"
+    centred, factor = recipe.scale in ("cloud", "metres"), np.nan if recipe.scale == "cloud" else factor
     size = ALL if recipe.sample_size is None else recipe.sample_size
     seed = seed_of(recipe.seed, key, variation, 0).generate_state(1, np.uint64)[0]
     records["variation"], records["view_id"], records["pose"] = variation, seeing, poses[seeing]
@@ -182,7 +182,7 @@ def gather_clouds(
         if size == ALL:
             data[row], face_ids[row] = np.empty((len(chosen), 3), np.float32), np.empty(len(chosen), np.int32)
         filled = np.empty((len(chosen), 3)), data[row], face_ids[row]
-        factors[row] = _place(points.positions, points.face_ids, chosen, frame, fitted, centres[row], factor, *filled)
+        factors[row] = _place(points.positions, points.face_ids, chosen, frame, centred, centres[row], factor, *filled)
         if in_scans:
             _fill_scan(records[row], points, chosen, recipe, view, poses[view] if in_camera_frame else None)
         elif recipe.attributes:
@@ -364,7 +364,7 @@ def _place(
     face_ids: Any,
     chosen: Any,
     frame: Any,
-    fitted: Any,
+    centred: Any,
     centre: Any,
     factor: Any,
     turned: Any,
@@ -373,8 +373,8 @@ def _place(
 ) -> Any:
     """Place the chosen points (m,) in a cloud: fill `data` with ``(p - centre) * factor``, and `faces`; return factor.
 
-    `frame` (4, 4) leads from world space to the cloud's axes. Where the cloud's own box says centre and factor
-    (`fitted`), its longest side becomes 1, the centre is filled, the factor not read. `turned` (m, 3) is overwritten.
+    `frame` (4, 4) leads from world space to the cloud's axes. With `centred`, `centre` is filled with that of the
+    cloud's own box. Where `factor` is NaN, the longest side of that box becomes 1. `turned` (m, 3) is overwritten.
     """
     low_x = low_y = low_z = np.inf
     high_x = high_y = high_z = -np.inf
@@ -385,8 +385,9 @@ def _place(
         high_x, high_y, high_z = max(x, high_x), max(y, high_y), max(z, high_z)
         turned[i, 0], turned[i, 1], turned[i, 2] = x, y, z
         faces[i] = face_ids[chosen[i]]
-    if fitted:
+    if centred:
         centre[0], centre[1], centre[2] = (low_x + high_x) / 2.0, (low_y + high_y) / 2.0, (low_z + high_z) / 2.0
+    if np.isnan(factor):
         longest = max(high_x - low_x, high_y - low_y, high_z - low_z)
         factor = 1.0 / longest if longest > 0.0 else 1.0
     for i in range(len(chosen)):

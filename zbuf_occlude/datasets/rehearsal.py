@@ -89,7 +89,7 @@ def warm_up_jit(recipe: DatasetConfig) -> None:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
         make_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
-        if recipe.setup is not None:  # ask as scans of large things in scenes do
+        if recipe.setup is not None and not recipe.complete:  # ask as scans of large things in scenes do
             mesh = load_mesh(path)
             eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
             rays = np.random.default_rng(0).normal(size=(10_000, 3))
@@ -101,7 +101,9 @@ def warm_up_jit(recipe: DatasetConfig) -> None:
 
 
 def _kind(recipe: DatasetConfig) -> str:
-    """Return the method's name; scans cast rays, which other functions do, and boxes draw a picture."""
+    """Return the method's name; scans cast rays, boxes draw a picture, and complete clouds ask no method."""
+    if recipe.complete:
+        return "complete"
     if recipe.setup is None:
         return recipe.method
     return f"{recipe.method}-{'boxes' if BOXES in recipe.attributes else 'scans'}"

@@ -1,4 +1,8 @@
-"""Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes."""
+"""Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes.
+
+Of occluded clouds the oracle is asked, scans are made again, and complete clouds are held against samples of the whole
+surface.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -8,9 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.base.limits import Limits
-from zbuf_occlude.base.provenance import MeshSource
+from zbuf_occlude.base.provenance import MeshSource, seed_of
 from zbuf_occlude.datasets.counts import interval
 from zbuf_occlude.datasets.folder import read_finished, sha256_of
 from zbuf_occlude.datasets.formats import find_format
@@ -21,7 +26,8 @@ from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.datasets.workers import Run, run_here
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.meshes.sampling import SurfacePoints
+from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.sensors.capture import in_metres
 
 ASKED_FILES = 64
 """Maximum number of files, chosen at random, whose clouds are checked against their meshes."""
@@ -31,6 +37,10 @@ ROUNDING = 0.002
 """Fraction of false visible that rounding of positions may add outside the boundary band."""
 DEVIATIONS = 5.0
 """Number of standard deviations that a measured fraction may exceed the manifest's by."""
+SURFACE_POINTS, CHANCE = 20_000, 1e-9
+"""Size of the sample of the whole surface, and the probability of a false alarm for each axis of a complete cloud."""
+OFF_SURFACE = 1e-5
+"""Distance of a point from its face that the rounding of float32 explains, in longest sides."""
 
 
 @dataclass
@@ -39,7 +49,7 @@ class Verdict:
 
     n_files: int  # read whole
     n_clouds: int  # read; of an export none
-    n_checked: int  # points asked again of the oracle; 0 when the meshes were not at hand
+    n_checked: int  # points held against their meshes; 0 when the meshes were not at hand
     false_visible: float | None  # the fraction of them that the oracle says are hidden
     faults: list[str]  # one line each; empty: the dataset is what its manifest says
 
@@ -107,15 +117,15 @@ def verify(
     share: tuple[int, int] = (0, 1),
     progress: Callable[[int], None] = lambda n: None,
 ) -> Verdict:
-    """Check a finished dataset against its manifest and, where its meshes are at hand, against the oracle.
+    """Check a finished dataset against its manifest and, where its meshes are at hand, some clouds against these.
 
     Parameters
     ----------
     out : Path
     meshes : MeshCollection or None
-        With the keys of the dataset's meshes; None leaves the oracle out.
+        With the keys of the dataset's meshes; None holds no cloud against them.
     n_samples : int
-        Clouds asked again of the oracle, chosen at random by the dataset's seed.
+        Clouds held against their meshes, chosen at random by the dataset's seed.
     run : callable, optional
         Who does the jobs; `run_here`, in this process, by default.
     share : (int, int)
@@ -150,11 +160,12 @@ def verify(
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
     verdict = Verdict(len(mine), sum(n_clouds.values()), 0, None, faults)
     some = _some_files(files, set(jobs), plan.recipe.seed)
-    if some and not faults and meshes is not None and not (plan.recipe.setup and plan.recipe.complete):
+    if some and not faults and meshes is not None:
         source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
         everything = np.concatenate(list(source.order.values()))
         records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-        by_key, scanned = {entry.key: entry for entry in meshes}, plan.recipe.setup is not None
+        by_key = {entry.key: entry for entry in meshes}
+        scanned = plan.recipe.setup is not None and not plan.recipe.complete
         # any may stand around the target of a scan
         mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
         if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
@@ -163,6 +174,8 @@ def verify(
             )
         elif scanned:
             _scan_again(records, plan, manifest, by_key, n_samples, verdict)
+        elif plan.recipe.complete:
+            _check_completeness(records, plan, manifest, by_key, verdict)
         else:
             _ask_oracle(records, plan, manifest, by_key, rng, verdict)
     return verdict
@@ -220,6 +233,80 @@ def _scan_again(
                 )
 
 
+def _world_positions(record: Any, plan: Plan) -> FloatArray:
+    """Return the points (n, 3) of a cloud where they are on its mesh, or on its mesh as it stands before a sensor."""
+    positions = record["data"] / record["factor"] + record["centre"]
+    if plan.recipe.frame == "camera":
+        positions = (positions - record["pose"][:3, 3]) @ record["pose"][:3, :3]
+    return np.asarray(positions, float)
+
+
+def _check_completeness(
+    records: Records, plan: Plan, manifest: Mapping[str, Any], by_key: Mapping[str, MeshEntry], verdict: Verdict
+) -> None:
+    """Check that points of complete clouds lie on their faces, and are spread as the whole surface is.
+
+    The spread is compared along the three axes of the view, so that a cloud without the far side differs, by the test
+    of Kolmogorov and Smirnov. Farthest points are even in space, not by area: they need only lie on their faces.
+    """
+    for record in records:
+        entry = by_key[plan.meshes[int(record["mesh_id"])].key]
+        try:
+            mesh = _load(entry, manifest)
+            if plan.recipe.setup is not None:
+                mesh, _ = in_metres(mesh, entry.label, plan.recipe.setup)
+        except MeshError as error:
+            verdict.faults.append(str(error))
+            continue
+        positions, of_cloud = _world_positions(record, plan), f"view {int(record['view_id'])} of {entry.key}"
+        verdict.n_checked += len(positions)
+        allowed = (OFF_SURFACE + 2.0 * manifest.get("rounding", 0.0)) * mesh.longest_side
+        away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
+        if not (away <= allowed).all():
+            verdict.faults.append(f"all points must lie on their faces; one of {of_cloud} is {away.max():.3g} away.")
+        elif plan.recipe.subset != "fps":
+            whole = sample_surface(mesh, n_points=SURFACE_POINTS, seed=seed_of(plan.recipe.seed, entry.key + "/verify"))
+            axes = record["pose"][:3, :3].T
+            found, most = _largest_difference(np.unique(positions, axis=0) @ axes, whole.positions @ axes, allowed)
+            if found > most:
+                verdict.faults.append(
+                    f"a complete cloud must be spread as the surface is; {of_cloud} differs by {found:.2f}, which "
+                    f"chance explains up to {most:.2f}."
+                )
+
+
+def _distances_from_faces(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return how far points (n, 3) are from the planes of their faces (n, 3, 3), or outside of these by their edges."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    away = np.abs(((points - a) * normals).sum(axis=1))
+    for start, end in ((a, b), (b, c), (c, a)):
+        outwards = np.cross(end - start, normals)
+        outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+        away = np.maximum(away, ((points - start) * outwards).sum(axis=1))
+    return np.asarray(away)
+
+
+def _largest_difference(mine: FloatArray, others: FloatArray, slack: float) -> tuple[float, float]:
+    """Return the largest difference of two distribution functions along some axes, and that which chance explains.
+
+    Positions may be off by `slack`: rounding moves all points of a flat side to the other side of a threshold.
+
+    References
+    ----------
+    P. Massart: The tight constant in the Dvoretzky-Kiefer-Wolfowitz inequality. Annals of Probability 18 (1990); for
+    two samples F. Wei, R. M. Dudley: Two-sample Dvoretzky-Kiefer-Wolfowitz inequalities, 2012.
+    """
+    differences = []
+    for one, other in zip(mine.T, others.T, strict=True):
+        for here, there in ((np.sort(one), np.sort(other)), (np.sort(other), np.sort(one))):
+            below = np.arange(1, len(here) + 1) / len(here)
+            differences.append((below - np.searchsorted(there, here + slack, side="right") / len(there)).max())
+    size = len(mine) * len(others) / (len(mine) + len(others))
+    return float(max(differences)), float(np.sqrt(np.log(2.0 / CHANCE) / (2.0 * size)))
+
+
 def _ask_oracle(
     records: Records,
     plan: Plan,
@@ -242,9 +329,7 @@ def _ask_oracle(
             continue
         rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
         some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
-        positions = record["data"][some] / record["factor"] + record["centre"]
-        if plan.recipe.frame == "camera":
-            positions = (positions - translation) @ rotation
+        positions = _world_positions(record, plan)[some]
         points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
         eye = (-rotation.T @ translation)[None]
         with prepare_oracle(mesh) as oracle:

@@ -107,7 +107,9 @@ def sensor_views(views: Views, size: float, floor: float, config: ScanConfig, se
     if config.range is not None:
         low, high = config.range
         low = max(low, min(size / 2, high))
-        lengths = np.array([np.random.default_rng(seeds("range", i)).uniform(low, high) for i in range(len(views))])
+        power = 2.0 if config.range_law == "area" else 1.0
+        draws = [np.random.default_rng(seeds("range", i)).uniform(low**power, high**power) for i in range(len(views))]
+        lengths = np.array(draws) ** (1.0 / power)
     azimuth, elevation, distance = views.azimuth, views.elevation, lengths
     if config.height is not None:
         up = floor + config.height

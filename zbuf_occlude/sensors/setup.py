@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.base.arrays import as_flag
-from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, find_row, shown
+from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, check_int, find_row, shown
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scenes.kinds import KINDS, Kind
 from zbuf_occlude.sensors.scenes.sizes import Sizes, sizes_of
@@ -24,6 +24,10 @@ KEEPS = ("target", "box", "all")
 """Values of `ScanConfig.keep`, without the perturbations of a box."""
 PERTURBATIONS = {"shift": 0.0, "rotate": False, "scale": False}
 """Perturbations of a box that is kept, with their defaults. ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
+RANGE_LAWS = ("range", "area")
+"""Values of `ScanConfig.range_law`; with the text of a range, ``5..50@area``."""
+LEAST_POINTS = 16
+"""Default of `ScanConfig.least_points`: of fewer distinct points a cloud shows hardly anything of its object."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +38,12 @@ class ScanConfig:
     ----------
     sensor : mapping
         As `Sensor.to_dict()`.
-    range : (float, float), float, or None
-        Metres from the sensor to the centre of the target (along the ground where there is one), drawn uniformly from
-        two bounds. None: the distance of the view, in multiples of the target's size.
+    range : (float, float), float, str, or None
+        Metres from the sensor to the centre of the target (along the ground where there is one), drawn between two
+        bounds. None: the distance of the view, in multiples of the target's size. Text: ``A..B``, ``A..B@area``.
+    range_law : {"range", "area"}
+        Law of the ranges drawn: uniform in range, or in area, as objects on a plane are: the density of a range r is
+        proportional to r, and the share of ranges below r is (r^2 - A^2) / (B^2 - A^2).
     size : mapping of class to metres, metres, or "file"
         Longest sides (`zbuf_occlude.sensors.scenes.sizes.sizes_of`).
     scene : str
@@ -57,6 +64,8 @@ class ScanConfig:
         Share of light that materials let pass, by name, which may contain ``*``. None: the file's own share.
     motion : mapping or None
         Motion of the sensor during a scan: the arguments of `Motion`.
+    least_points : int
+        Scans of fewer distinct points give no cloud. 0: all that have two points or more.
 
     Raises
     ------
@@ -66,6 +75,7 @@ class ScanConfig:
 
     sensor: Mapping[str, Any]
     range: Sequence[float] | None = None
+    range_law: str = RANGE_LAWS[0]
     size: Sizes = field(default_factory=dict)
     scene: str = "none"
     objects: Sequence[Mapping[str, Any]] = ()
@@ -76,8 +86,14 @@ class ScanConfig:
     method: str = "exact"
     transparent: Mapping[str, float | None] = field(default_factory=dict)
     motion: Mapping[str, Any] | None = None
+    least_points: int = LEAST_POINTS
 
     def __post_init__(self) -> None:
+        if isinstance(self.range, str) and "@" in self.range:
+            span, _, law = self.range.partition("@")
+            object.__setattr__(self, "range", span)
+            object.__setattr__(self, "range_law", law)
+        check_choice("range law", self.range_law, RANGE_LAWS)
         object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
         for name, span in (("range", self.range), ("hidden", self.hidden)):
             if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # a plan's stay as they are
@@ -86,6 +102,7 @@ class ScanConfig:
             if not isinstance(word, str):
                 raise OptionError(f"{name} must be a word; got {shown(word)}.")
         as_flag(self.keep_clean, "keep_clean")
+        check_int("least_points", self.least_points, 0)
         find_method(self.method)
         self._check_spans()
         self._check_sensor_height()

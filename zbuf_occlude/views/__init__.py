@@ -3,10 +3,12 @@
 from zbuf_occlude.views.cameras import from_colmap, from_csv, from_json
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 from zbuf_occlude.views.positions import (
+    HALF_WITHIN,
     MAX_VIEWS,
     SPECIFICATIONS,
     Seed,
     Specification,
+    drive,
     fibonacci,
     for_mesh,
     forms,
@@ -22,12 +24,14 @@ from zbuf_occlude.views.positions import (
 )
 
 __all__ = [
+    "HALF_WITHIN",
     "MAX_VIEWS",
     "PAPER_DISTANCE",
     "SPECIFICATIONS",
     "Seed",
     "Specification",
     "Views",
+    "drive",
     "fibonacci",
     "for_mesh",
     "forms",

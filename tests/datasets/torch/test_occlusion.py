@@ -221,7 +221,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"device": "cpu", "method_options": {"contact": 5}}, "contact must lie in"),
         ({"device": "cpu", "method_options": {"device": "cuda"}}, "device must be said once"),
         ({"device": "nowhere"}, "device must be one that PyTorch finds here; got 'nowhere'"),
-        ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
+        ({"scale": "sphere"}, "scale must be one of cloud, metres, mesh; got 'sphere'"),
     ],
 )
 def test_errors(options: dict[str, Any], message: str) -> None:

@@ -1,9 +1,13 @@
 """Scans on the fly: another each time, by torch's seed, alone and in scenes."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.scenes import box
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
 from zbuf_occlude.meshes import shapes
 
@@ -70,3 +74,29 @@ def test_what_it_refuses() -> None:
     with pytest.raises(zo.MeshError, match=r"every material of pane lets all light pass\. Give one a share below 1"):
         OnTheFlyScan(10, transparent={"glass": 1.0})(clear, "car")
     assert OnTheFlyScan(10, transparent={"glass": 0.5}, method="embree")(clear, "car").shape == (10, 3)
+
+
+def test_scans_of_too_few_points_give_way(tmp_path: Path) -> None:
+    """Twelve rays meet a plate, wherever it is seen from: fewer than the default of 16."""
+    (tmp_path / "rays.csv").write_text("azimuth,elevation\n" + "".join(f"{-1.1 + 0.2 * i},0\n" for i in range(12)))
+    given: dict[str, Any] = {"sensor": tmp_path / "rays.csv", "range": 9.0, "size": 2.0, "method": "exact"}
+    with pytest.raises(zo.MeshError, match="only 12 distinct points, fewer than --least-points 16"):
+        OnTheFlyScan(10, **given)(box(), "box")
+    for least in (0, 12):
+        assert OnTheFlyScan(10, least_points=least, **given)(box(), "box").shape == (10, 3)
+    with pytest.raises(zo.OptionError, match="least_points must be an int from 0; got -1"):
+        OnTheFlyScan(10, least_points=-1)
+
+
+def test_views_of_a_specification() -> None:
+    """From +x alone only that side of a long box is seen, half its length from its middle."""
+    given: dict[str, Any] = {"sensor": "vlp-32c", "numbers": {"noise": 0}, "range": 6.0, "size": 4.0, "method": "exact"}
+    cloud = OnTheFlyScan(300, views="ring:1@0", scale="mesh", **given)(box((4.0, 1.0, 1.0)), "box").numpy()
+    assert np.allclose(cloud[:, 0], 2.0, atol=1e-5)
+    torch.manual_seed(1)
+    either = OnTheFlyScan(300, views="ring:2@0", scale="mesh", **given)
+    sides = {round(float(either(box((4.0, 1.0, 1.0)), "box")[0, 0])) for _ in range(12)}
+    assert sides == {-2, 2}
+    assert OnTheFlyScan(9, views="drive:1", **given)(CAR, "car").shape == (9, 3)
+    with pytest.raises(zo.OptionError, match="views must be paper100"):
+        OnTheFlyScan(10, views="round")

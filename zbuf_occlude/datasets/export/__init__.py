@@ -346,7 +346,7 @@ def check_as_they_are(plan: Plan) -> None:
 
 def check_one_frame(plan: Plan) -> None:
     """Raise OptionError unless all clouds of an object lie in one frame."""
-    if plan.recipe.scale == "cloud" or plan.recipe.frame == "camera":
+    if plan.recipe.scale in ("cloud", "metres") or plan.recipe.frame == "camera":
         raise OptionError(
             f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.recipe.scale} --frame "
             f"{plan.recipe.frame}. Give --scale object --frame object."

@@ -39,6 +39,7 @@ class Format:
     whole_objects: bool = False  # keeps all points of the objects, rounded, and not only those drawn for each cloud
     attributes: tuple[str, ...] = ATTRIBUTES  # those that its clouds may have
     complete: bool = False  # holds clouds of whole surfaces alone
+    of_views: bool = False  # holds what views see, which complete clouds are not
     from_meshes: bool = False  # its export reads the meshes again, so that nothing is converted to it
     ragged: bool = False  # its clouds may be of unequal size (`--sample-size all`)
     least_tested: int = 0  # test clouds below which the loaders' own test ends in an error
@@ -104,7 +105,7 @@ class Format:
         """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
         axes = self.axes_in(recipe.frame)
         turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
-        return (turned * (1.0 if recipe.scale == "mesh" else self.longest_side)).astype(np.float32)
+        return (turned * (1.0 if recipe.scale in ("metres", "mesh") else self.longest_side)).astype(np.float32)
 
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""
@@ -117,6 +118,11 @@ class Format:
             if name not in self.attributes:
                 formats = " or ".join(row.name for row in FORMATS if name in row.attributes)
                 raise OptionError(f"{name} must go with --format {formats}; got {self.name}. Leave them out.")
+        if plan.recipe.complete and self.of_views:
+            formats = ", ".join(row.name for row in FORMATS if not row.of_views)
+            raise OptionError(
+                f"--format {self.name} holds what views see; got --complete. Leave it out, or choose {formats}."
+            )
         if outside := self._outside(plan.meshes):
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
@@ -143,7 +149,8 @@ def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Form
     """Return the row of a layout of partial and complete clouds, in `export/completion.py`."""
     options = {"views": views, "scale": "object", **values.pop("options", {})}
     module = "export.completion:" + name.replace("-", "_").upper()
-    return Format(name, summary, **{"exported_from": "packed", "axes": Y_UP, **values}, options=options, module=module)
+    given: dict[str, Any] = {"exported_from": "packed", "axes": Y_UP, "of_views": not values.get("complete"), **values}
+    return Format(name, summary, **given, options=options, module=module)
 
 
 FORMATS: tuple[Format, ...] = (
@@ -169,6 +176,7 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         ragged=True,
         options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"},
+        of_views=True,
         module="export.renderings:FRAMES",
     ),
     Format(
@@ -178,6 +186,7 @@ FORMATS: tuple[Format, ...] = (
         from_meshes=True,
         ragged=True,
         options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=50"},
+        of_views=True,
         module="export.renderings:BOP",
     ),
     Format(
@@ -194,6 +203,7 @@ FORMATS: tuple[Format, ...] = (
             "views": "ring:8@0",
             "attributes": "boxes",
         },
+        of_views=True,
         module="export.kitti",
     ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
@@ -253,6 +263,7 @@ FORMATS: tuple[Format, ...] = (
         from_meshes=True,
         axes=Y_UP,
         options={"views": "fibonacci:8"},
+        of_views=True,
         module="export.voxels",
     ),
     Format(
@@ -261,6 +272,7 @@ FORMATS: tuple[Format, ...] = (
         "packed",
         axes=Y_UP,
         options={"views": "fibonacci:26", "scale": "object", "overlap": "0.3..0.7"},
+        of_views=True,
         module="export.registration",
     ),
     _layout_of_pairs(

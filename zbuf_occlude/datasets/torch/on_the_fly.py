@@ -25,7 +25,7 @@ from zbuf_occlude.base.errors import (
     shown,
 )
 from zbuf_occlude.base.jit.threads import use_threads
-from zbuf_occlude.datasets.pipeline import IN_ONE_PLACE, count_distinct
+from zbuf_occlude.datasets.pipeline import count_distinct, why_no_cloud
 from zbuf_occlude.datasets.plan import ATTRIBUTES
 from zbuf_occlude.datasets.records import colors_of, draw, unit_box_transform
 from zbuf_occlude.datasets.torch.tensors import TensorMesh, is_dense, is_followed, place_of
@@ -35,16 +35,16 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
-from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import ScanConfig
-from zbuf_occlude.views import PAPER_DISTANCE, Views
+from zbuf_occlude.views import PAPER_DISTANCE
+from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
-SCALES = ("cloud", "mesh")
+SCALES = ("cloud", "metres", "mesh")
 BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
@@ -67,7 +67,7 @@ class OnTheFlyOcclusion:
     method : str, optional
         Of the table of methods; one that needs no GL. "exact", or with a device "warp".
     method_options : mapping, optional
-    scale : {"cloud", "mesh"}
+    scale : {"cloud", "metres", "mesh"}
         As in `zbuf_occlude.datasets.plan.DatasetConfig`.
     eyes_per_sampling : int
         This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
@@ -193,9 +193,7 @@ class OnTheFlyOcclusion:
         cloud = self._subject(vertices, faces, mesh).next_cloud(self)
         if isinstance(cloud, torch.Tensor):
             return cloud
-        if self.scale == "cloud":
-            centre, factor = unit_box_transform(cloud[:, :3])
-            cloud[:, :3] = (cloud[:, :3] - centre) * factor
+        cloud[:, :3] = _scaled(cloud[:, :3], self.scale)
         return torch.from_numpy(cloud.astype(np.float32))
 
     def _subject(self, vertices: Any, faces: Any, mesh: Any = None) -> "_Subject":
@@ -348,10 +346,12 @@ class _DeviceSubject(_Subject):
             normals = self._normals[own.long()][rows]
             towards = ((eyes[:, None] - clouds) * normals).sum(dim=-1, keepdim=True)
             columns.append(torch.where(towards < 0.0, -normals, normals))
-        if settings.scale == "cloud":
+        if settings.scale != "mesh":
             low, high = clouds.amin(dim=1, keepdim=True), clouds.amax(dim=1, keepdim=True)
+            columns[0] = clouds - (low + high) / 2.0
+        if settings.scale == "cloud":
             longest = (high - low).amax(dim=-1, keepdim=True)
-            columns[0] = (clouds - (low + high) / 2.0) / torch.where(longest > 0.0, longest, 1.0)
+            columns[0] = columns[0] / torch.where(longest > 0.0, longest, 1.0)
         drawn = torch.cat(columns, dim=-1).masked_fill(counts.amax() == 0, torch.nan)
         self._clouds = list(drawn.float().unbind(dim=0))
 
@@ -363,6 +363,14 @@ def _found(device: str | torch.device) -> torch.device:
     except (AssertionError, RuntimeError) as error:
         said = str(error).partition("\n")[0].rstrip(".")
         raise OptionError(f"device must be one that PyTorch finds here; got {device!r}: {said}.") from None
+
+
+def _scaled(positions: FloatArray, scale: str) -> FloatArray:
+    """Return positions (n, 3) of a cloud in one of `SCALES`."""
+    if scale == "mesh":
+        return positions
+    centre, factor = unit_box_transform(positions)
+    return (positions - centre) * (factor if scale == "cloud" else 1.0)
 
 
 def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
@@ -386,7 +394,7 @@ def _array(values: Any) -> NDArray[Any]:
 
 
 class OnTheFlyScan:
-    """A mesh in, a scan of it out: another azimuth, range and scene each time.
+    """A mesh in, a scan of it out: another view, range and scene each time.
 
     Parameters
     ----------
@@ -398,11 +406,14 @@ class OnTheFlyScan:
         Of the sensor to be changed, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
         What scenes are filled with; built-in road users or furniture without it.
-    scale : {"cloud", "mesh"}
-        "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
+    scale : {"cloud", "metres", "mesh"}
+        "cloud": centred, longest side 1; "metres": centred, in metres; "mesh": metres about the middle of the object's
+        box.
+    views : str
+        Specification of `zbuf_occlude.views.parse`, of which one view is drawn each time; ``drive:1`` for road users.
     **setup
-        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` of
-        `zbuf_occlude.sensors.setup.ScanConfig`.
+        `range`, `range_law`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` and
+        `least_points` of `zbuf_occlude.sensors.setup.ScanConfig`.
 
     Raises
     ------
@@ -414,8 +425,8 @@ class OnTheFlyScan:
     Notes
     -----
     Called with a `Mesh` or a ``trimesh.Trimesh`` and its class, from which its size comes; returns an (n_points, 3)
-    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A scene may hide
-    all but two points of an object; `hidden` says how much it may hide.
+    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A place from
+    which a scan has fewer than `least_points` distinct points gives way to another one.
     """
 
     def __init__(
@@ -426,13 +437,16 @@ class OnTheFlyScan:
         numbers: dict[str, Any] | None = None,
         surroundings: MeshCollection | None = None,
         scale: str = "cloud",
+        views: str = "random:1@0..0",
         **setup: Any,
     ) -> None:
         check_int("n_points", n_points, 1)
         check_choice("scale", scale, SCALES)
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
-        self.n_points, self.scale = n_points, scale
+        if parse_views(views).rotations is not None:
+            raise OptionError(f"views must be about the object; got {shown(views)}, cameras of a file. Take others.")
+        self.n_points, self.scale, self.views = n_points, scale, views
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
         self.setup = ScanConfig(make(sensor, **(numbers or {})).to_dict(), **given)
         if not isinstance(surroundings, MeshCollection | None):
@@ -473,19 +487,17 @@ class OnTheFlyScan:
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
-            views = Views(rng.uniform(0.0, 2.0 * np.pi, 1), np.zeros(1), np.array([4.0]))
+            views = parse_views(self.views, seed=int(rng.integers(2**62)))
+            views = views.select([int(rng.integers(len(views)))])
             seeds = partial(_seed, int(rng.integers(2**62)))
             places = sensor_views(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
-            if count_distinct(capture.scan.positions) > 1:  # centred and scaled, one place would be the origin
+            n_distinct = count_distinct(capture.scan.positions, self.setup.least_points)
+            if n_distinct >= max(2, self.setup.least_points):  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
-                if self.scale == "cloud":
-                    centre, factor = unit_box_transform(positions)
-                    positions = (positions - centre) * factor
-                return torch.from_numpy(positions.astype(np.float32))
-        sensor, method = self.setup.sensor_model, self.setup.method
-        why = IN_ONE_PLACE if len(seen) else why_empty(capture, sensor, method, self.setup.keep == "all").reason
+                return torch.from_numpy(_scaled(positions, self.scale).astype(np.float32))
+        why = why_no_cloud(capture, self.setup, places, 0, n_distinct)
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."
         )

@@ -220,7 +220,8 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     Notes
     -----
     Items are (partial, complete, label): (n_partial, 3) and (n_complete, 3) float32, and () int64. The whole object is
-    centred and its longest side 1; of a dataset made with ``--scale mesh`` it is as in its file.
+    centred and its longest side 1; of a dataset made with ``--scale mesh`` or ``metres`` it
+    is as in its file, of scans in metres.
     """
 
     def __init__(
@@ -258,7 +259,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
                 f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
                 "Make it with `zbuf-occlude generate --format packed`."
             )
-        scale = "object" if plan.recipe.scale == "cloud" else plan.recipe.scale
+        scale = {"cloud": "object", "metres": "mesh"}.get(plan.recipe.scale, plan.recipe.scale)
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
         return open_dataset(self.folder, drawn)
 

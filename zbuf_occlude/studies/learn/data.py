@@ -34,6 +34,7 @@ class CloudSet:
     elevations: NDArray[np.float32]  # (m,), elevation of the camera, radians; NaN for a complete shape
     ranges: NDArray[np.float32] | None = None  # (m,), of scans, metres; NaN where it is unknown, the default
     n_measured: NDArray[np.int64] | None = None  # (m,), points of scans before some were drawn; 0, the default: unknown
+    scale: str = "cloud"  # as `DatasetConfig.scale`; of "metres" classifiers keep the sizes
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
@@ -75,6 +76,11 @@ class CloudSet:
     def n_points(self) -> int:
         """Points of each cloud."""
         return int(self.positions.shape[1])
+
+    @property
+    def keeps_size(self) -> bool:
+        """True where clouds have their true sizes: in metres, or as they are in files."""
+        return self.scale in ("metres", "mesh")
 
     @property
     def labelled(self) -> list[str]:
@@ -123,16 +129,23 @@ class CloudSet:
 
         Raises ArgumentError where the classes or the sizes of the clouds differ.
         """
+        if ("metres" in (first.scale, second.scale)) and not (first.keeps_size and second.keeps_size):
+            raise ArgumentError(
+                f"both sets must be in metres; their scales are {first.scale} and {second.scale}. Generate both with "
+                "--scale metres."
+            )
         if first.classes != second.classes or first.n_points != second.n_points:
             raise ArgumentError(
                 f"both sets must have the same classes and the same size of clouds; got {first!r} of "
                 f"{', '.join(first.classes)} and {second!r} of {', '.join(second.classes)}."
             )
         pairs = ((getattr(first, name), getattr(second, name)) for name in _COLUMNS)
-        return cls(**dict(zip(_COLUMNS, map(np.concatenate, pairs), strict=True)), classes=first.classes)
+        columns = dict(zip(_COLUMNS, map(np.concatenate, pairs), strict=True))
+        scale = "metres" if "metres" in (first.scale, second.scale) else first.scale
+        return cls(**columns, classes=first.classes, scale=scale)
 
 
-_COLUMNS = tuple(each.name for each in fields(CloudSet) if each.name != "classes")
+_COLUMNS = tuple(each.name for each in fields(CloudSet) if each.name not in ("classes", "scale"))
 """Fields with a row per cloud."""
 
 
@@ -212,4 +225,13 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     number_of = {name: number for number, name in enumerate(_origins(source))}
     group_ids = np.array([number_of[name] for name in source.origins])[mesh_ids]
     with reading(folder):  # CloudSet refuses NaN
-        return CloudSet(positions, labels, tuple(source.plan.classes), group_ids, elevations, ranges, n_measured)
+        return CloudSet(
+            positions,
+            labels,
+            tuple(source.plan.classes),
+            group_ids,
+            elevations,
+            ranges,
+            n_measured,
+            source.plan.recipe.scale,
+        )

@@ -132,9 +132,17 @@ def evaluate(model: "Classifier", test: CloudSet, classes: tuple[str, ...] | Non
 
 
 def predict(model: "Classifier", clouds: CloudSet) -> NDArray[np.float32]:
-    """Return the logits of all clouds, (m, n_classes); the largest one is the predicted class."""
+    """Return the logits of all clouds, (m, n_classes); the largest one is the predicted class.
+
+    Raises ArgumentError where the model was trained on clouds in metres, and these are scaled.
+    """
     import torch  # late: reports of stored results need no PyTorch
 
+    if model.unit > 0.0 and not clouds.keeps_size:
+        raise ArgumentError(
+            f"clouds must be in metres, as those of the training; their scale is {clouds.scale}. Generate them with "
+            "--scale metres."
+        )
     device = next(model.parameters()).device
     was_training = model.training
     model.eval()

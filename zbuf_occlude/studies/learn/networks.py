@@ -42,22 +42,36 @@ SMALL = 4
 class Classifier(nn.Module):
     """Base class of the three networks: all that the training loop and the evaluation use.
 
+    `unit` is the length that becomes 1 in all clouds, of clouds that keep their sizes; 0: in each cloud its own extent.
+
     A subclass defines ``forward(points) -> logits``, from (b, n, 3) float32 as `normalise` returns them to (b,
     n_classes) float32. The subclass extracts its features itself. `normalise` is called once for each cloud, before
     augmentation; after it, it would undo the scaling.
     """
 
+    unit: torch.Tensor
+
     def __init__(self, n_classes: int) -> None:
         super().__init__()
         self.n_classes = n_classes
+        self.register_buffer("unit", torch.zeros(()))
 
     def normalise(self, points: torch.Tensor) -> torch.Tensor:
-        """Centre and scale clouds (b, n, 3) as the network's paper does.
+        """Centre clouds (b, n, 3) as the network's paper does; scale their extents, or `unit`, to 1."""
+        centred = self.centred(points)
+        return centred / torch.where(self.unit > 0.0, self.unit, positive(self.extents(centred)))
 
-        The bounding box of each cloud is centred at the origin; its longest side becomes 1 (paper, section 3.4).
-        """
-        low, high = points.amin(dim=1, keepdim=True), points.amax(dim=1, keepdim=True)
-        return (points - (low + high) / 2.0) / _positive((high - low).amax(dim=2, keepdim=True))
+    def centred(self, points: torch.Tensor) -> torch.Tensor:
+        """Move the centres of the bounding boxes of clouds (b, n, 3) to the origin."""
+        return points - (points.amin(dim=1, keepdim=True) + points.amax(dim=1, keepdim=True)) / 2.0
+
+    def extents(self, centred: torch.Tensor) -> torch.Tensor:
+        """Return what becomes 1 of centred clouds, (b, 1, 1): the longest side (paper, section 3.4)."""
+        return (centred.amax(dim=1, keepdim=True) - centred.amin(dim=1, keepdim=True)).amax(dim=2, keepdim=True)
+
+    def keep_sizes(self, points: torch.Tensor) -> None:
+        """Raise `unit` to the largest extent of clouds (b, n, 3): all clouds keep their sizes from now on."""
+        self.unit = torch.maximum(self.unit, self.extents(self.centred(points)).amax())
 
     def loss(self, points: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
         """Return the training loss () of clouds (b, n, 3) with labels (b,): cross-entropy and any regulariser."""
@@ -78,13 +92,16 @@ class Classifier(nn.Module):
 class SphereClassifier(Classifier):
     """Classifier of clouds scaled into the unit sphere; the order of the points does not matter."""
 
-    def normalise(self, points: torch.Tensor) -> torch.Tensor:
-        """Move the centroids of clouds (b, n, 3) to the origin; scale each cloud's farthest point to distance 1."""
-        centred = points - points.mean(dim=1, keepdim=True)
-        return centred / _positive(torch.linalg.norm(centred, dim=2, keepdim=True).amax(dim=1, keepdim=True))
+    def centred(self, points: torch.Tensor) -> torch.Tensor:
+        """Move the centroids of clouds (b, n, 3) to the origin."""
+        return points - points.mean(dim=1, keepdim=True)
+
+    def extents(self, centred: torch.Tensor) -> torch.Tensor:
+        """Return what becomes 1 of centred clouds, (b, 1, 1): the distance of the farthest point."""
+        return torch.linalg.norm(centred, dim=2, keepdim=True).amax(dim=1, keepdim=True)
 
 
-def _positive(lengths: torch.Tensor) -> torch.Tensor:
+def positive(lengths: torch.Tensor) -> torch.Tensor:
     """Return the lengths, 1 in place of 0 (the length of a cloud whose points coincide)."""
     return torch.where(lengths > 0.0, lengths, 1.0)
 

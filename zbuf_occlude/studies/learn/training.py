@@ -25,7 +25,7 @@ from zbuf_occlude.datasets.torch import Compose, Jitter, Rescale, Rotate
 from zbuf_occlude.studies.learn.data import CloudSet
 from zbuf_occlude.studies.learn.evaluation import predict
 from zbuf_occlude.studies.learn.models import find_model
-from zbuf_occlude.studies.learn.networks import Classifier
+from zbuf_occlude.studies.learn.networks import Classifier, positive
 
 CHECKPOINT, MODEL, HISTORY = "checkpoint.pt", "model.pt", "history.json"
 CHECKPOINT_SECONDS = 60.0
@@ -53,7 +53,7 @@ class TrainConfig:
     patience: int = 20  # epochs without a better validation after which training stops
     seed: int = 0  # seed of initial weights, order of the clouds, augmentation and dropout
     rotate: bool = True  # augmentation: rotation about the vertical axis, as in the paper (4.3)
-    rescale: bool = True  # augmentation: scaling
+    rescale: bool = True  # augmentation: scaling, but not of clouds in metres, whose sizes count
     jitter: bool = True  # augmentation: noise on each coordinate
     n_points: int | None = None  # points per cloud, drawn at random once; None: all
     device: str = "auto"  # "auto" (CUDA where there is one), "cpu", "cuda", "cuda:1" and so on
@@ -70,10 +70,10 @@ class TrainConfig:
         if not 0.0 < self.learning_rate < float("inf"):
             raise OptionError(f"learning_rate must be a positive number; got {self.learning_rate}.")
 
-    @property
-    def augmentation(self) -> Compose:
-        """The random transforms that are applied to each cloud in each epoch."""
-        switches = ((self.rotate, Rotate()), (self.rescale, Rescale()), (self.jitter, Jitter()))
+    def augmentation(self, scale: str = "cloud") -> Compose:
+        """Return the random transforms that are applied to each cloud of a scale, of longest side 1, in each epoch."""
+        rescale = self.rescale and scale != "metres"
+        switches = ((self.rotate, Rotate()), (rescale, Rescale()), (self.jitter, Jitter()))
         return Compose([transform for wanted, transform in switches if wanted])
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,7 +132,8 @@ class Trained:
         Parameters
         ----------
         points : (n, 3) float
-            z up, in any place and unit: the network centres and scales them. Of more points than the clouds of the
+            z up, in any place and unit: the network centres and scales them; in metres for a model that was trained on
+            clouds in metres. Of more points than the clouds of the
             training had, some are drawn at random; of fewer, some repeat.
 
         Raises
@@ -147,7 +148,8 @@ class Trained:
         shuffled = shuffled if self.config.n_points is None else pad_or_truncate(shuffled, self.config.n_points)
         unknown = np.array([np.nan])
         logits = predict(
-            self.model, CloudSet(shuffled[None], np.zeros(1, int), self.classes, np.zeros(1, int), unknown)
+            self.model,
+            CloudSet(shuffled[None], np.zeros(1, int), self.classes, np.zeros(1, int), unknown, scale="mesh"),
         )
         shares = torch.softmax(torch.from_numpy(logits[0]), dim=0).tolist()
         return dict(zip(self.classes, shares, strict=True))
@@ -237,7 +239,13 @@ class _Run:
         self.half = config.mixed_precision and device.type == "cuda"
         self.scaler = torch.amp.GradScaler(device.type, enabled=self.half)
         parts = torch.from_numpy(training.positions).split(1024)
+        self.augment, in_metres = config.augmentation(training.scale), training.scale == "metres"
+        for part in parts if in_metres else ():
+            self.model.keep_sizes(part.to(device))
         self.points = torch.cat([self.model.normalise(part.to(device)) for part in parts])
+        self.sizes = torch.ones(len(self.points), 1, 1, device=device)
+        if in_metres:
+            self.sizes = positive(self.model.extents(self.points))
         self.labels = torch.from_numpy(training.labels).to(device)
         self.history: list[Epoch] = []
         self.best: Epoch | None = None
@@ -296,7 +304,7 @@ class _Run:
     def _pass(self, number: int) -> float:
         """Train on all clouds once; return the mean loss."""
         self.model.train()
-        augment, losses = self.config.augmentation, []
+        losses = []
         batches = torch.randperm(len(self.points)).split(self.config.batch_size)
         if len(batches[-1]) == 1:
             batches = batches[:-1]  # batch normalisation needs two clouds; each epoch leaves out another one
@@ -305,7 +313,7 @@ class _Run:
             self.model.anneal_momentum(done)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
-            points = torch.stack([augment(self.points[i]) for i in chosen])
+            points = torch.stack([self.augment(self.points[i] / self.sizes[i]) * self.sizes[i] for i in chosen])
             with torch.autocast(self.device.type, torch.float16, enabled=self.half):
                 loss = self.model.loss(points, self.labels[chosen.to(self.device)])
             self.optimizer.zero_grad()
@@ -358,6 +366,11 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
             "training and validation must have the same classes; "
             f"got {', '.join(training.classes)} and {', '.join(validation.classes)}."
         )
+    if training.scale == "metres" and not validation.keeps_size:
+        raise ArgumentError(
+            f"validation must be in metres, as the training is; its scale is {validation.scale}. Generate it with "
+            "--scale metres."
+        )
     if len(training.classes) < 2:
         raise ArgumentError(
             f"training needs at least 2 classes; the clouds have {', '.join(training.classes)}. If "
@@ -396,7 +409,7 @@ def _fingerprint(config: TrainConfig, training: CloudSet, validation: CloudSet) 
     """Return a digest of everything that decides the outcome of a training."""
     digest = hashlib.sha256(repr(sorted(config.to_dict().items())).encode())
     for clouds in (training, validation):
-        digest.update(repr((clouds.classes, clouds.positions.shape)).encode())
+        digest.update(repr((clouds.classes, clouds.positions.shape, clouds.scale)).encode())
         digest.update(clouds.positions.data)
         digest.update(clouds.labels.data)
     return digest.hexdigest()
