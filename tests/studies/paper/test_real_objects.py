@@ -1,5 +1,6 @@
 """`paper real`: training sets of road users, tests on the objects of a drive, the report; hand-computed figures."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ SMALL = replace(TINY, seeds=(0,))
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A tiny study of a hand-made sweep: a car, a van, a pedestrian and a truck of 30 to 60 points."""
     out = tmp_path_factory.mktemp("real")
     with pytest.MonkeyPatch.context() as patch:
@@ -37,7 +38,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
         drive = write_kitti(out / "drive")
         assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == len(RECIPES)
         assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == 0, "all is there"
-    return out / "study"
+        yield out / "study"
 
 
 def test_every_training_set_is_tested_on_the_objects_of_the_drive(study: Path) -> None:
@@ -60,11 +61,11 @@ def test_training_sets_hold_what_they_say(study: Path) -> None:
     """Complete clouds have no camera; scans are of 16 points or more; metres stay metres."""
     experiment = RealObjects(SMALL, study, study)
     assert set(experiment.meshes.classes) == set(CLASSES)
-    complete = experiment.training("complete", "around", "train")
-    both = experiment.training("complete+occluded", "around", "train")
+    complete = experiment.training("complete", "around", "cloud", "train")
+    both = experiment.training("complete+occluded", "around", "cloud", "train")
     assert np.isnan(complete.elevations).all()
-    assert len(both) == len(complete) + len(experiment.training("occluded", "around", "train"))
-    scans = experiment.training("lidar", "drive", "train")
+    assert len(both) == len(complete) + len(experiment.training("occluded", "around", "cloud", "train"))
+    scans = experiment.training("lidar", "drive", "metres", "train")
     assert (np.asarray(scans.n_measured) >= 16).all()
     sides = np.ptp(scans.positions, axis=1).max(axis=1)
     trucks, people = (sides[scans.labels == scans.classes.index(name)] for name in ("truck", "pedestrian"))

@@ -38,7 +38,7 @@ from zbuf_occlude.studies.paper.design import (
     SIMULATED,
     Size,
 )
-from zbuf_occlude.studies.paper.experiments import Experiment, epochs_for, first_of_each
+from zbuf_occlude.studies.paper.experiments import ELEVATIONS, Experiment, epochs_for, first_of_each
 from zbuf_occlude.studies.paper.results import REAL_PICTURE, Trial
 
 SENSOR = "hdl-64e"
@@ -98,7 +98,7 @@ class RealObjects(Experiment):
     def plans(self) -> dict[str, Plan]:
         """Return the plans of complete clouds, of occluded ones, and of scans with both laws of the azimuth."""
         n_points, n_views = self.size.n_points[-1], self.size.views
-        common: dict[str, Any] = {"method": "exact", "sample_size": n_points, "scale": "mesh"}
+        common: dict[str, Any] = {"method": "exact", "sample_size": n_points, "scale": "metres"}
         uniform = common | {"n_points": self.size.sampled, "views": f"random:{n_views}@0..30"}
         scan = ScanConfig(
             make(SENSOR).to_dict(),
@@ -107,13 +107,14 @@ class RealObjects(Experiment):
             method=default_caster(),
             scene="street",
             hidden=HIDDEN,
+            least_points=LEAST_POINTS,
         ).to_dict()
-        scans = common | {"scanning": scan, "least_points": LEAST_POINTS}
+        scans = common | {"scanning": scan}
         configs = {
             COMPLETE: DatasetConfig(**uniform, complete=True),
             OCCLUDED: DatasetConfig(**uniform),
-            f"{LIDAR}-{ALL_AROUND}": DatasetConfig(**scans, views=f"random:{n_views}@0"),
-            f"{LIDAR}-{DRIVE}": DatasetConfig(**scans, views=f"drive:{n_views}"),
+            f"{LIDAR}-{ALL_AROUND}": DatasetConfig(**scans, views=f"random:{n_views}@{ELEVATIONS}"),
+            f"{LIDAR}-{DRIVE}": DatasetConfig(**scans, views=f"drive:{n_views}@{ELEVATIONS}"),
         }
         return {f"{REAL}-{name}": Plan(self.meshes, config) for name, config in configs.items()}
 
@@ -127,17 +128,20 @@ class RealObjects(Experiment):
         atomic.write(self.folder / REAL_PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
         return failures
 
-    def training(self, name: str, azimuths: str, split: str) -> CloudSet:
-        """Return the clouds of a training set, one of `SETS`, and a split."""
+    def training(self, name: str, azimuths: str, scale: str, split: str) -> CloudSet:
+        """Return the clouds of a training set, one of `SETS`, and a split; positions are metres.
+
+        With the scale "cloud" classifiers scale each cloud to its longest side, with "metres" they keep the sizes.
+        """
         parts = []
         for kind in SETS[name]:
             dataset = f"{kind}-{azimuths}" if kind == LIDAR else kind
             parts.append(self.load_split(f"{REAL}-{dataset}", split, self.size.n_points[-1]))
-        return reduce(CloudSet.concatenate, parts)
+        return replace(reduce(CloudSet.concatenate, parts), scale=scale)
 
     def simulated(self, split: str) -> CloudSet:
         """Return the scans with the azimuths of traffic in a split."""
-        return self.training(LIDAR, DRIVE, split)
+        return self.training(LIDAR, DRIVE, "metres", split)
 
     def tested(self, low: float = 0.0, high: float = np.inf) -> CloudSet:
         """Return the real objects from `low` to below `high` metres from the sensor, with the classes of the shapes."""
@@ -151,8 +155,8 @@ class RealObjects(Experiment):
             Trial(
                 REAL,
                 {"model": model, "trained_on": name, "azimuths": azimuths, "scale": scale, "seed": seed},
-                partial(self.training, name, azimuths, "train"),
-                partial(self.training, name, azimuths, "val"),
+                partial(self.training, name, azimuths, scale, "train"),
+                partial(self.training, name, azimuths, scale, "val"),
                 self._tests(),
                 partial(epochs_for, self.size.passes),
             )
@@ -176,7 +180,7 @@ class RealObjects(Experiment):
                 "sensor": SENSOR,
                 "range": RANGE,
                 "least": LEAST_POINTS,
-                "training": {name: len(self.training(name, ALL_AROUND, "train")) for name in SETS},
+                "training": {name: len(self.training(name, ALL_AROUND, "cloud", "train")) for name in SETS},
             }
         }
 

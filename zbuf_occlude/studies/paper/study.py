@@ -226,7 +226,6 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
         batch_size=size.batch_size,
         patience=max(1, round(size.patience * epochs)),
         seed=int(trial.facts["seed"]),
-        scale=str(trial.facts.get("scale", "cloud")),
     )
 
     def after(epoch: Epoch) -> None:
