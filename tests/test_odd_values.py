@@ -63,10 +63,14 @@ def free_alarm() -> Iterator[None]:
 def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
     for limits, said in (
         (Limits(seconds=0.1), r"timed out after 0\.1 s"),
-        (Limits(gigabytes=1e-3), r"exceeded 0\.001 GB of memory"),
+        (Limits(gigabytes=0.05), r"exceeded 0\.05 GB of memory"),
     ):
         with pytest.raises(MeshError, match=said), limits.watch():
+            kept = np.ones(20_000_000)  # 0.16 GB, touched
             threading.Event().wait(20)
+            assert kept.all()
+    with Limits(gigabytes=0.05).watch():  # what the process had before does not count
+        threading.Event().wait(0.7)
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
