@@ -213,7 +213,9 @@ def more(x):
 def call(x):
     return outer(x)
 """
-GATE = "import threading\nbegun, go = threading.Event(), threading.Event()\ndef pause():\n    begun.set(), go.wait(60)\n"
+GATE = (
+    "import threading\nbegun, go = threading.Event(), threading.Event()\ndef pause():\n    begun.set(), go.wait(60)\n"
+)
 
 
 def test_a_thread_calls_functions_while_another_imports_external_ones(package: Path) -> None:

@@ -10,7 +10,7 @@ ENDS = "the worker ended"
 
 
 class Puppet:
-    """Its job n is one mesh, n: "done"; or the worker ends at the "start", the "mesh", the "job", is "broken" or "slow"."""
+    """Its job n is one mesh, n: "done" or "slow"; or it ends at the "start", the "mesh", the "job", or is "broken"."""
 
     def __init__(
         self, fate: str = "done", *, killed: bool = False, ready: bool = True, memory: tuple[float, float] = (0.0, 0.0)

@@ -239,7 +239,7 @@ def generate_command(
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
     if setup is not None:
-        check_scans(context, setup, plan)
+        check_ranges(context, setup, plan)
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
@@ -250,7 +250,7 @@ def generate_command(
     if wanted is not None and wanted.original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     if dry_run:
-        report(plans, overwrite, require_gpu)
+        report_plans(plans, overwrite, require_gpu)
         return
     if not needs_no_check(plan.recipe):
         smoke_test(plan.recipe, require_gpu)
@@ -264,7 +264,7 @@ def generate_command(
         raise SystemExit(SOME_FAILED)
 
 
-def check_scans(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
+def check_ranges(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
     """Refuse ranges of cameras that stand where a file says; report options that do not count."""
     if setup.range is not None and plan.views.rotations is not None:
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
@@ -274,7 +274,7 @@ def check_scans(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
         echo("--range says how far the sensor is: --distance does not count", err=True)
 
 
-def report(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: bool) -> None:
+def report_plans(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: bool) -> None:
     """Report what plans would make in their folders, and what that would cost; nothing stays."""
     for each in plans:
         check_folder(*each, overwrite=overwrite)

@@ -32,9 +32,9 @@ READY_SECONDS = 300.0
 """Seconds without a ready worker after which the run ends: the cluster has no room, or processes do not start."""
 
 Message = tuple[Literal["ready", "mesh", "done", "log", "broken", "failed"], Any]
-"""("ready", pid) first; ("mesh", (mesh_id, gigabytes)) before each mesh, with the worker's memory then, and mesh_id None
-behind the last of a job; ("done", (job, result)); at any time ("log", record) of the package's log; as the last one ("broken", reason) of a lost GL context, or ("failed",
-reason) of an error that any worker would meet."""
+"""("ready", pid) first; ("mesh", (mesh_id, gigabytes)) before each mesh, with the worker's memory then, and mesh_id
+None behind the last of a job; ("done", (job, result)); at any time ("log", record) of the package's log; as the last
+one ("broken", reason) of a lost GL context, or ("failed", reason) of an error that any worker would meet."""
 
 
 class LogSender(logging.handlers.QueueHandler):
