@@ -27,13 +27,13 @@ from common import run
 from drive_logs import SLACK, Box, DriveSweep, Log, read_log, within
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.errors import OccludeError
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
-from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
+from zbuf_occlude.base.errors import OccludeError
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.noise import detection_probability
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.kinds import box_mesh, pole_mesh
+from zbuf_occlude.sensors.scenes.scene import ALBEDOS, draw_albedos
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
