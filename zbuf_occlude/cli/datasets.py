@@ -1,6 +1,7 @@
 """Commands on a dataset that `generate` has made or begun: `status`, `merge`, `verify`, `convert`, `show`."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from zbuf_occlude.cli.shared_options import (
     OutFolder,
     engine_options,
     explicitly_set,
-    frame_options,
     pop_engine,
     shard_option,
     share_of,
@@ -120,7 +120,6 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
-@frame_options
 @click.option("--samples", type=click.IntRange(1), default=50, help="Clouds that the oracle checks.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
@@ -130,23 +129,22 @@ def verify_command(
     /,
     folder: Path,
     meshes: tuple[Path, ...],
-    up: str | None,
-    unit: str | None,
     samples: int,
     shard: str | None,
     **options: Any,
 ) -> None:
     """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
 
-    For the oracle give the meshes the dataset was made of; built-in shapes are known. Complete clouds that
-    a preset made are verified too. Exit code 1 when something is not sound.
+    For the oracle give the meshes the dataset was made of; built-in shapes are known. Up axis, unit, classes and splits
+    are those that it was made with. Complete clouds that a preset made are verified too. Exit code 1 when something is
+    not sound.
 
     \b
     Example:
       zbuf-occlude verify modelnet40-occluded ModelNet40
     """
     run, share = pop_engine(context, options, Limits()), share_of(shard)
-    sound = [check(each, meshes, (up, unit), samples, run, share) for each in datasets_in(folder)]
+    sound = [check(each, meshes, samples, run, share) for each in datasets_in(folder)]
     if not all(sound):
         raise SystemExit(1)
 
@@ -154,19 +152,19 @@ def verify_command(
 def check(
     folder: Path,
     meshes: tuple[Path, ...],
-    frame: tuple[str | None, str | None],
     samples: int,
     run: Run,
     share: tuple[int, int],
 ) -> bool:
-    """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
+    """Verify one folder, and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
     collection = None
     if plan.recipe.complete:
         echo("complete clouds: nothing to ask of the oracle")
     elif meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
-        collection = MeshCollection.from_paths(meshes, up=frame[0], unit=frame[1], colors=has_windows)
+        up, unit = (_of_all(getattr(entry, name) for entry in plan.meshes) for name in ("up", "unit"))
+        collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=has_windows)
     else:
         collection = collection_of(entry.key for entry in plan.meshes)
     echo(folder)
@@ -187,6 +185,12 @@ def check(
     else:
         echo("the dataset is what its manifest says")
     return not verdict.faults
+
+
+def _of_all(values: Iterable[str]) -> str | None:
+    """Return the value that all have; None where they differ, or have none."""
+    found = set(values)
+    return found.pop() or None if len(found) == 1 else None
 
 
 @click.command(cls=Command)

@@ -36,7 +36,7 @@ from zbuf_occlude.cli.shared_options import (
 )
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.datasets.auto import AUTO, Choice, resolve
-from zbuf_occlude.datasets.folder import ORIGINAL
+from zbuf_occlude.datasets.folder import ORIGINAL, claim_folder
 from zbuf_occlude.datasets.formats import FORMATS, find_format
 from zbuf_occlude.datasets.generate import generate, progress_of
 from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
@@ -259,7 +259,7 @@ def generate_command(
         COMPILING.total = n_functions(plan.recipe)
         warm_up_jit(plan.recipe)
     share = share_of(shard)
-    failed = [make(*each, run, share, read_as, overwrite, retry_failed) for each in plans]
+    failed = [make(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
     if any(failed):
         raise SystemExit(SOME_FAILED)
 
@@ -292,9 +292,19 @@ def report_plans(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gp
 
 
 def make(
-    plan: Plan, out: Path, run: Run, share: tuple[int, int], read_as: str, overwrite: bool, retry_failed: bool
+    plan: Plan,
+    out: Path,
+    run: Run,
+    share: tuple[int, int],
+    read_as: str,
+    overwrite: bool,
+    retry_failed: bool,
+    beside: Sequence[tuple[Plan, Path]],
 ) -> bool:
-    """Make one dataset, or a share of it, and report on it; return whether a mesh failed."""
+    """Make one dataset, or a share of it, and report on it; return whether a mesh failed.
+
+    Folders of datasets `beside` get their plans before the first shard is made, so that `merge` misses none of them.
+    """
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
 
     mine = plan.shards[share[0] :: share[1]]
@@ -303,6 +313,8 @@ def make(
     def begun(task: Task, jobs: list[Any], done: Done) -> None:
         bar.delay = 0.0  # else what is shown now is not ended with its line
         bar.refresh()
+        for each in beside:
+            claim_folder(*each)
         run(task, jobs, done)
 
     with bar, logging_redirect_tqdm():

@@ -203,7 +203,7 @@ def test_asking_what_is_compiled_makes_no_folder(monkeypatch: pytest.MonkeyPatch
 
 EXTERNALS = """
 from package import gate
-from package.jit.compiler import external, njit
+from package.base.jit.compiler import external, njit
 @external("float64(float64)")
 def outer(x):
     return more(x)
@@ -227,7 +227,7 @@ def test_a_thread_calls_functions_while_another_imports_external_ones(package: P
     program = (
         "import importlib, threading\n"
         "from package import gate\n"
-        "from package.callee import answer\n"
+        "from package.base.callee import answer\n"
         "other = threading.Thread(target=importlib.import_module, args=['package.externals'])\n"
         "other.start(), gate.begun.wait(60)\n"
         "print(answer())\n"
@@ -244,7 +244,7 @@ def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path)
     (package / "gate.py").write_text("def pause(): pass\n")
     program = (
         "import numba, threading\n"
-        "from package.jit import compiler\n"
+        "from package.base.jit import compiler\n"
         "defining, declaring, defined = (threading.Event() for _ in range(3))\n"
         "folder, cfunc, njit = compiler.cache_folder(), numba.cfunc, numba.njit\n"
         "def late_folder():\n"
@@ -259,7 +259,7 @@ def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path)
         "inside = threading.Event()\n"
         "compiler.cache_folder, numba.cfunc, numba.njit = late_folder, slow_cfunc, slow_njit\n"
         "before = numba.config.CACHE_DIR\n"
-        "from package.caller import ask\n"
+        "from package.base.caller import ask\n"
         "other = threading.Thread(target=ask)\n"
         "other.start(), declaring.wait(60)\n"
         "from package.externals import call, outer\n"
