@@ -119,7 +119,7 @@ class Disturbed:
         while self._process.poll() is None and (not self._all_made() if for_end else time.monotonic() < until):
             time.sleep(LOOK)
         if for_end:
-            time.sleep(self._rng.uniform(0, 0.2 * self._seconds))
+            time.sleep(self._rng.uniform(0, 0.1 * self._seconds))
 
     def _all_made(self) -> bool:
         if not (self._out / PLAN).exists():
@@ -171,7 +171,9 @@ def undisturbed(command: list[str], folder: Path) -> float:
 def kills(name: str, tries: int, n_kills: int, more: Sequence[str], folder: Path, rng: random.Random) -> list[str]:
     """Kill runs; print the row, and return the faults."""
     seconds, faults, made = undisturbed(generate(name, folder / "alone", more), folder), list[str](), Counter[str]()
-    for number in range(tries):
+    for number in range(3 * tries):  # a run may be over before its moment comes
+        if made.total() >= tries * n_kills:
+            break
         out = folder / f"out{number}"
         victim = Disturbed(generate(name, out, more), out, seconds, rng)
         if code := victim.disturb(n_kills):
