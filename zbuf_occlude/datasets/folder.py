@@ -37,7 +37,7 @@ ORIGINAL = "original"
 PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
 """Remedy of a damaged plan. Only the plan says which files are the dataset's, so nothing is deleted."""
 
-Kinds = Mapping[str, Any]
+Kinds = dict[str, Any]
 """Schema of a JSON object: for each name the kind of its value, which is a type or types, the `Kinds` of an object in
 it, an `Each`, or a list of the kinds of a list's values."""
 
@@ -105,9 +105,9 @@ def read_manifest(out: Path) -> dict[str, Any] | None:
         document = read_object(path, _OF_MANIFEST)
         if not document["files"] or not all(document["files"].values()):
             raise ValueError("it names no files")
-        for split, names in document["files"].items():
-            if set(names) - document["sha256"].keys():
-                raise ValueError(f"files of {split} without a checksum")
+        for names in document["files"].values():
+            for name in sorted(set(names) - document["sha256"].keys()):
+                raise KeyError(name)
     return document
 
 
@@ -119,24 +119,21 @@ def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
 
 
 def _check_kind(value: Any, kind: Any, what: str) -> None:
-    """Raise TypeError or KeyError where a value, or one in it, is of another kind than its schema says."""
-    parts: Iterable[tuple[Any, Any, str]] = ()
-    if isinstance(kind, Mapping):
-        expected: Any = dict
+    """Raise TypeError, ValueError or KeyError where a value, or one in it, is not what its schema says."""
+    of_value: Any = {dict: dict, list: list, Each: getattr(kind, "of", None)}.get(type(kind), kind)
+    if not isinstance(value, of_value):
+        raise TypeError(f"{what} is no object" if of_value is dict else f"{what} is {json.dumps(value)[:40]}")
+    if isinstance(kind, dict):
+        for name, of in kind.items():
+            _check_kind(value[name], of, name)
     elif isinstance(kind, Each):
-        expected = kind.of
-    else:
-        expected = list if isinstance(kind, list) else kind
-    if not isinstance(value, expected) or (isinstance(kind, list) and len(value) != len(kind)):
-        raise TypeError(f"{what} is no object" if expected is dict else f"{what} is {json.dumps(value)[:40]}")
-    if isinstance(kind, Mapping):
-        parts = ((value[name], kind[name], name) for name in kind)
-    elif isinstance(kind, Each):
-        parts = ((each, kind.kind, what) for each in (value.values() if kind.of is dict else value))
+        for each in value.values() if kind.of is dict else value:
+            _check_kind(each, kind.kind, what)
     elif isinstance(kind, list):
-        parts = ((each, of, what) for each, of in zip(value, kind, strict=True))
-    for part in parts:
-        _check_kind(*part)
+        if len(value) != len(kind):
+            raise ValueError(f"{what} has a row of {len(value)}")
+        for each, of in zip(value, kind, strict=True):
+            _check_kind(each, of, what)
 
 
 def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
