@@ -132,6 +132,7 @@ def test_meshes_are_read_as_the_dataset_was_made(run: Run, modelnet: Path, tmp_p
     run(f"generate {modelnet} --out out {surface} {options}")
     said = run(f"verify out {modelnet} --samples 4").out
     assert "0.000% are hidden" in said or "points scanned again: the same" in said
+    run(f"verify out {modelnet} --unit in", code=1, says="fault: unit of ")
 
 
 def test_a_mesh_in_another_frame_is_named(modelnet: Path, tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from zbuf_occlude.datasets.generate import merge, progress_of
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.datasets.verify import verify
 from zbuf_occlude.datasets.workers import Run
+from zbuf_occlude.geometry.mesh import UNITS
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import collection_of
 from zbuf_occlude.studies.paper.tables import table_2
@@ -120,6 +121,8 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
+@click.option("--up", type=Name(["z", "y"]), help="Up axis of the files.  [default: as the dataset was made]")
+@click.option("--unit", type=Name(list(UNITS)), help="Unit of the files.  [default: as the dataset was made]")
 @click.option("--samples", type=click.IntRange(1), default=50, help="Clouds that the oracle checks.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
@@ -129,14 +132,16 @@ def verify_command(
     /,
     folder: Path,
     meshes: tuple[Path, ...],
+    up: str | None,
+    unit: str | None,
     samples: int,
     shard: str | None,
     **options: Any,
 ) -> None:
     """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
 
-    For the oracle give the meshes the dataset was made of; built-in shapes are known. Up axis, unit, classes and splits
-    are those that it was made with. Complete clouds that a preset made are verified too. Exit code 1 when something is
+    For the oracle give the meshes the dataset was made of; built-in shapes are known. Their classes and splits are
+    those that it was made with. Complete clouds that a preset made are verified too. Exit code 1 when something is
     not sound.
 
     \b
@@ -144,7 +149,7 @@ def verify_command(
       zbuf-occlude verify modelnet40-occluded ModelNet40
     """
     run, share = pop_engine(context, options, Limits()), share_of(shard)
-    sound = [check(each, meshes, samples, run, share) for each in datasets_in(folder)]
+    sound = [check(each, meshes, (up, unit), samples, run, share) for each in datasets_in(folder)]
     if not all(sound):
         raise SystemExit(1)
 
@@ -152,18 +157,20 @@ def verify_command(
 def check(
     folder: Path,
     meshes: tuple[Path, ...],
+    frame: tuple[str | None, str | None],
     samples: int,
     run: Run,
     share: tuple[int, int],
 ) -> bool:
-    """Verify one folder, and say what was found; True when it is sound."""
+    """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
     collection = None
     if plan.recipe.complete:
         echo("complete clouds: nothing to ask of the oracle")
     elif meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
-        up, unit = (_of_all(getattr(entry, name) for entry in plan.meshes) for name in ("up", "unit"))
+        up = frame[0] or _of_all(entry.up for entry in plan.meshes)
+        unit = frame[1] or _of_all(entry.unit for entry in plan.meshes)
         collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=has_windows)
     else:
         collection = collection_of(entry.key for entry in plan.meshes)
