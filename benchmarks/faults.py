@@ -33,7 +33,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
-from benchmarks.common import heads, row, run
+from common import heads, row, run
+
 from zbuf_occlude.datasets.folder import MANIFEST, PLAN, SHARDS, read_plan
 from zbuf_occlude.datasets.formats import FORMATS
 
