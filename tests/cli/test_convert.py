@@ -2,10 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.cli.conftest import Run
+from zbuf_occlude.cli import generate as generating
+from zbuf_occlude.datasets.plan import Plan
 from zbuf_occlude.datasets.source import open_dataset
 
 SMALL = "--method oracle --views ring:4@30 --points 300 --sample-size 32 --workers 1"
@@ -104,12 +107,64 @@ def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_pat
     assert "points of complete clouds: on the surface, and all over it" in verdict.out
 
 
+def test_a_merge_misses_no_originals_that_no_share_began(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both shares die between the occluded clouds and the complete ones."""
+    line = "generate --preset paper-modelnet8 --limit 4 --points 500 --sample-size 100 --views ring:2@0"
+    line += " --method oracle --workers 1 --out out --shard"
+    made = generating.generate
+
+    def dying(plan: Plan, out: Path, **options: Any) -> Any:
+        if out.name == "original":
+            raise KeyboardInterrupt
+        return made(plan, out, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(generating, "generate", dying)
+        for share in ("0/2", "1/2"):
+            run(f"{line} {share}", code=130)
+    run("merge out", code=1, says="out/original must have all")
+    for share in ("0/2", "1/2"):
+        run(f"{line} {share}")
+    run("merge out")
+    run("verify out --samples 1")
+
+
+@pytest.mark.parametrize("begun", ["generate", "convert"])
+def test_a_conversion_and_a_run_do_not_go_on_with_each_others_files(
+    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: str
+) -> None:
+    """The files of one name differ: a packed dataset's positions are rounded."""
+    run(f"generate {modelnet} --out a {SMALL} --format packed")
+    lines = [f"generate {modelnet} --out b {SMALL} --format npz", "convert a --format npz --out b"]
+    first, second = lines if begun == "generate" else lines[::-1]
+
+    def interrupt(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        for module in ("generate", "export"):
+            patched.setattr(f"zbuf_occlude.datasets.{module}.write_names", interrupt)
+        run(first, code=130)
+    written = {path: path.stat().st_mtime_ns for path in (tmp_path / "b").glob("*.npz")}
+    assert len(written) == 2
+    run(second, code=1, says="must be empty or hold this same plan")
+    run(first)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "b").glob("*.npz")} == written
+    run(second, code=1, says="must be empty or hold this same plan")
+
+
 @pytest.mark.parametrize("place", ["itself", "another that was generated"])
 def test_a_conversion_into_a_dataset_that_was_generated(run: Run, modelnet: Path, tmp_path: Path, place: str) -> None:
     run(f"generate {modelnet} --out a {SMALL}")
     out, format = (tmp_path / "a", "hdf5") if place == "itself" else (tmp_path / "b", "npz")
     run(f"generate {modelnet} --out {out} {SMALL} --format {format}")
-    run(f"convert a --format {format} --out {out}", code=1, says="must be empty or hold this same conversion")
+    run(
+        f"convert a --format {format} --out {out}",
+        code=1,
+        says="in which clouds were made of meshes, and are made of the hdf5",
+    )
     run(f"verify {out}")
 
 

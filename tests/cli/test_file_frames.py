@@ -113,7 +113,7 @@ def test_a_dataset_in_metres_is_resumed_in_its_unit_only(run: Run, stl: Path, tm
     run(f"{line} --unit mm", says="")
     assert "unit of gizmo.stl was 'mm', and is 'cm'" in run(f"{line} --unit cm", code=1).err
     assert "unit of gizmo.stl was 'mm', and is ''" in run(line, code=1).err
-    run(f"verify metres {stl} --unit mm --workers 1")
+    run(f"verify metres {stl} --workers 1")
     rows = json.loads((tmp_path / "metres" / "plan.json").read_text())["meshes"]
     assert rows == [["gizmo.stl", rows[0][1], rows[0][2], "z", "mm"]]
 

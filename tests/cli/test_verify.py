@@ -8,7 +8,11 @@ import pytest
 from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
+from zbuf_occlude import MeshCollection
 from zbuf_occlude.datasets.folder import checksums
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.verify import verify
 
 SMALL = "--method oracle --views ring:4@30 --points 600 --sample-size 64 --workers 1"
 
@@ -115,3 +119,26 @@ def test_a_mesh_of_other_content(run: Run, dataset: Path, modelnet: Path) -> Non
 def test_an_unfinished_dataset(run: Run, dataset: Path, modelnet: Path) -> None:
     (dataset / "manifest.json").unlink()
     run(f"verify {dataset} {modelnet}", code=1, says="must hold a complete dataset")
+
+
+@pytest.mark.parametrize("options", ["--up y --unit m", "--sensor kinect-v1 --range 2 --labels labels.csv"])
+def test_meshes_are_read_as_the_dataset_was_made(run: Run, modelnet: Path, tmp_path: Path, options: str) -> None:
+    """Up axis, unit and classes are in the plan, so nobody gives them again."""
+    keys = [path.relative_to(modelnet).as_posix() for path in sorted(modelnet.rglob("*.off"))]
+    (tmp_path / "labels.csv").write_text(
+        "".join(f"{line}\n" for line in ["key,class", *(f"{key},chair" for key in keys)])
+    )
+    surface = SMALL if "--up" in options else SMALL.replace("--method oracle", "").replace("--points 600", "")
+    run(f"generate {modelnet} --out out {surface} {options}")
+    said = run(f"verify out {modelnet} --samples 4").out
+    assert "0.000% are hidden" in said or "points scanned again: the same" in said
+    run(f"verify out {modelnet} --unit in", code=1, says="fault: unit of ")
+
+
+def test_a_mesh_in_another_frame_is_named(modelnet: Path, tmp_path: Path) -> None:
+    recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+    generate(Plan(MeshCollection.from_paths(modelnet, unit="cm"), recipe), tmp_path / "out")
+    faults = verify(tmp_path / "out", MeshCollection.from_paths(modelnet, up="y", unit="cm")).faults
+    assert [fault.startswith("up of ") and "was z and is y" in fault for fault in faults] == [True]
+    faults = verify(tmp_path / "out", MeshCollection.from_paths(modelnet)).faults
+    assert [fault.startswith("unit of ") and "was cm and is none" in fault for fault in faults] == [True]

@@ -10,10 +10,11 @@ import pytest
 from tests.datasets.test_generate import files
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets import folder as claiming
-from zbuf_occlude.datasets.folder import claim_folder, partition_files, plan_in, remove
+from zbuf_occlude.datasets.folder import claim_folder, locked, partition_files, plan_in, remove
 from zbuf_occlude.datasets.formats import FORMATS, find_format
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DATA_VERSION, DatasetConfig, Plan
+from zbuf_occlude.datasets.presets import plan_of_originals
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import ScanConfig
@@ -66,6 +67,20 @@ def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_
                 folder.rmdir()
     remove(out)
     assert list(out.iterdir()) == []
+
+
+@pytest.mark.parametrize("at_work", ["", "original"])
+def test_what_another_run_is_at_is_not_removed(tmp_path: Path, at_work: str) -> None:
+    """A preset's complete clouds, in a folder of their own, go with the dataset."""
+    out, original = tmp_path / "out", tmp_path / "out" / "original"
+    generate(PLAN, out)
+    generate(plan_of_originals(PLAN), original)
+    before = files(out)
+    with locked(out / at_work), pytest.raises(DatasetError, match="one run at a time"):
+        generate(PLAN, out, overwrite=True)
+    assert files(out) == before
+    generate(PLAN, out, overwrite=True)
+    assert not original.exists()
 
 
 def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Datasets made in one run and in many: the same files, by any workers and machines, killed, damaged, out of room."""
 
+import json
 import os
 import random
 import subprocess
@@ -19,9 +20,9 @@ from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError, OptionEr
 from zbuf_occlude.datasets import plan as plans
 from zbuf_occlude.datasets.folder import locked, partition_files
 from zbuf_occlude.datasets.formats import FORMATS
-from zbuf_occlude.datasets.generate import GenerateTask, generate, merge
+from zbuf_occlude.datasets.generate import GenerateTask, generate, merge, progress_of
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
-from zbuf_occlude.datasets.shard import sidecar_path
+from zbuf_occlude.datasets.shard import make_mesh, new_store, sidecar_path
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.datasets.verify import verify
 from zbuf_occlude.datasets.workers import Done, Task, run_here
@@ -157,6 +158,21 @@ def test_the_size_of_a_shard_is_by_the_dataset_alone(n_meshes: int, n_views: int
     assert max(map(len, large.shards)) * n_views * 1.6e6 <= 2**29 or len(large.shards) == n_meshes
 
 
+@pytest.mark.parametrize("format", ["hdf5", "packed", "pairs"])
+def test_a_shard_takes_no_more_memory_than_it_may(format: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few of an object's points its clouds have, those that a format keeps all take the room."""
+    monkeypatch.setattr(plans, "SHARD_BYTES", 2**20)
+    entries = (MeshEntry(f"m{i}", "ball", "train", partial(tetrahedron, i)) for i in range(40))
+    recipe = replace(RECIPE, n_points=20_000, sample_size=256, attributes=("normals",), variations=2)
+    plan = Plan(MeshCollection(entries), recipe, format)
+    shard, store = max(plan.shards, key=len), new_store(plan)
+    for mesh_id in shard.tolist():
+        make_mesh(plan, mesh_id, None, store)
+    members = getattr(store, "_members", None)
+    n_bytes = sum(len(content) for _, content in members) if members else sum(each.nbytes for each in store._records)
+    assert 2**19 < n_bytes <= 2**20
+
+
 @pytest.mark.parametrize("n_shards", [1, 4])
 def test_a_killed_run_resumes_and_makes_no_shard_twice(
     plan: Plan, whole: dict[str, bytes], tmp_path: Path, n_shards: int
@@ -172,6 +188,40 @@ def test_a_killed_run_resumes_and_makes_no_shard_twice(
     generate(plan, out, run=run)
     assert files(out) == whole
     assert len(again) == len(plan.shards) - n_shards - 1, "the shard whose sidecar was written is done, too"
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (["seconds"], "long"),
+        (["n_clouds"], {"train": "many"}),
+        (["failures"], {"m1": 3}),
+        (["files", "train", 0, 0], 7),
+        (["files", "train"], 7),
+        (["sources", "m1"], 7),
+        (["sources", "m1"], {"sha256": "", "files": [[1, 2]]}),
+        (["blank"], {"m1": [1]}),
+        (["counts", "n_clouds"], "many"),
+        (["counts", "worst"], ["all", "m1", 0, 0]),
+        (["counts", "faces_dropped"], {"duplicate": "many"}),
+        (["renderers"], [7]),
+        (["more"], 7),
+    ],
+)
+def test_a_sidecar_with_a_value_of_another_type_is_made_again(
+    plan: Plan, tmp_path: Path, caplog: pytest.LogCaptureFixture, place: list[Any], value: object
+) -> None:
+    small_plan = Plan(plan.meshes[:2], plan.recipe)
+    out, path = tmp_path / "out", sidecar_path(tmp_path / "out", 0)
+    generate(small_plan, out, share=(0, 2))
+    document = part = json.loads(path.read_text())
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    path.write_text(json.dumps(document))
+    assert progress_of(small_plan, out)["to_make_again"] == {"shard 0": "000000.json is damaged"}
+    assert generate(small_plan, out)["counts"]["clouds"] == 10
+    assert "shard 0 is made again: 000000.json is damaged" in caplog.text
 
 
 @pytest.mark.parametrize("damage", ["file cut", "file gone", "sidecar cut", "sidecar gone"])
@@ -246,6 +296,18 @@ def test_two_runs_at_a_time_are_refused_and_shares_are_not(plan: Plan, tmp_path:
     with locked(out), pytest.raises(DatasetError, match="one run at a time"):
         generate(plan, out, share=(1, 3))
     assert generate(plan, out)["counts"]["clouds"] == plan.n_clouds
+
+
+def test_leftovers_of_a_finished_dataset_are_removed_by_a_run_that_is_alone(plan: Plan, tmp_path: Path) -> None:
+    """They may be another run's, which makes meshes again that failed."""
+    out = tmp_path / "out"
+    document, leftover = generate(plan, out), out / ".zbuf-0123456789abcdef.part"
+    leftover.write_bytes(b"half of it")
+    with locked(out), pytest.raises(DatasetError, match="one run at a time"):
+        generate(plan, out)
+    assert leftover.exists()
+    assert generate(plan, out) == document
+    assert not leftover.exists()
 
 
 VOXELS = pytest.mark.needs("open3d")

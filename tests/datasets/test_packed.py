@@ -115,7 +115,7 @@ def test_converted_it_is_what_generate_makes_within_the_rounding(folder: Path, t
     generate(plan(format="hdf5"), tmp_path / "made")
     document = convert(folder, tmp_path / "converted", "hdf5")
     assert document["converted_from"]["format"] == "packed"
-    assert document["fingerprint"] == plan(format="hdf5").fingerprint
+    assert document["fingerprint"] != plan(format="hdf5").fingerprint, "its positions are rounded"
     made, converted = open_dataset(tmp_path / "made"), open_dataset(tmp_path / "converted")
     for split in made.order:
         one, two = made.take(made.order[split]), converted.take(converted.order[split])

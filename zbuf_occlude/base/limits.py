@@ -26,7 +26,7 @@ class Limits:
     seconds : float
         Wall-clock time for one mesh, all its views and variations.
     gigabytes : float
-        Resident memory of the process while it is at the mesh.
+        Resident memory by which the process grows while it is at the mesh.
     """
 
     seconds: float = 600.0
@@ -38,7 +38,7 @@ class Limits:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
     def exceeded(self, seconds: float, gigabytes: float) -> str:
-        """Return the limit that a mesh exceeds which has taken this much; "" for none."""
+        """Return the limit that a mesh exceeds which has taken this much more memory; "" for none."""
         if seconds > self.seconds:
             return f"mesh timed out after {self.seconds:g} s"
         if gigabytes > self.gigabytes:
@@ -64,10 +64,11 @@ class Limits:
         if threading.current_thread() is not threading.main_thread() or not free:
             yield
             return
-        began = time.monotonic()
+        began, before_it = time.monotonic(), resident_gigabytes(os.getpid())
 
         def look(number: int, frame: Any) -> None:
-            if excess := self.exceeded(time.monotonic() - began, resident_gigabytes(os.getpid())):
+            grown = resident_gigabytes(os.getpid()) - before_it
+            if excess := self.exceeded(time.monotonic() - began, grown):
                 raise MeshError(f"{excess}. Simplify it.")
 
         before = signal.signal(signal.SIGALRM, look)

@@ -1,6 +1,7 @@
 """Commands on a dataset that `generate` has made or begun: `status`, `merge`, `verify`, `convert`, `show`."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from zbuf_occlude.cli.shared_options import (
     OutFolder,
     engine_options,
     explicitly_set,
-    frame_options,
     pop_engine,
     shard_option,
     share_of,
@@ -29,6 +29,7 @@ from zbuf_occlude.datasets.generate import merge, progress_of
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.datasets.verify import verify
 from zbuf_occlude.datasets.workers import Run
+from zbuf_occlude.geometry.mesh import UNITS
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import collection_of
 from zbuf_occlude.studies.paper.tables import table_2
@@ -120,7 +121,8 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
-@frame_options
+@click.option("--up", type=Name(["z", "y"]), help="Up axis of the files.  [default: as the dataset was made]")
+@click.option("--unit", type=Name(list(UNITS)), help="Unit of the files.  [default: as the dataset was made]")
 @click.option("--samples", type=click.IntRange(1), default=50, help="Clouds held against their meshes.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
@@ -138,9 +140,9 @@ def verify_command(
 ) -> None:
     """Verify the finished dataset in DIR: checksums, counts, readability; and some clouds against their meshes.
 
-    Give the meshes the dataset was made of; built-in shapes are known. Occluded clouds are asked of the oracle, scans
-    are made again, complete clouds must cover the surface. Complete clouds that a preset made are verified too. Exit
-    code 1 when something is not sound.
+    Give the meshes the dataset was made of; built-in shapes are known. Their classes and splits are those that it was
+    made with. Occluded clouds are asked of the oracle, scans are made again, complete clouds must cover the surface.
+    Complete clouds that a preset made are verified too. Exit code 1 when something is not sound.
 
     \b
     Example:
@@ -165,7 +167,9 @@ def check(
     collection = None
     if meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
-        collection = MeshCollection.from_paths(meshes, up=frame[0], unit=frame[1], colors=has_windows)
+        up = frame[0] or _of_all(entry.up for entry in plan.meshes)
+        unit = frame[1] or _of_all(entry.unit for entry in plan.meshes)
+        collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=has_windows)
     else:
         collection = collection_of(entry.key for entry in plan.meshes)
     echo(folder)
@@ -189,6 +193,12 @@ def check(
     else:
         echo("the dataset is what its manifest says")
     return not verdict.faults
+
+
+def _of_all(values: Iterable[str]) -> str | None:
+    """Return the value that all have; None where they differ, or have none."""
+    found = set(values)
+    return found.pop() or None if len(found) == 1 else None
 
 
 @click.command(cls=Command)

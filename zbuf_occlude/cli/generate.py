@@ -36,7 +36,7 @@ from zbuf_occlude.cli.shared_options import (
 )
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.datasets.auto import AUTO, Choice, resolve
-from zbuf_occlude.datasets.folder import ORIGINAL
+from zbuf_occlude.datasets.folder import ORIGINAL, claim_folder
 from zbuf_occlude.datasets.formats import FORMATS, find_format
 from zbuf_occlude.datasets.generate import generate, progress_of
 from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
@@ -256,7 +256,7 @@ def generate_command(
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
     if setup is not None:
-        check_scans(context, setup, plan)
+        check_ranges(context, setup, plan)
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
@@ -267,7 +267,7 @@ def generate_command(
     if wanted is not None and wanted.original and not complete:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     if dry_run:
-        report(plans, overwrite, require_gpu)
+        report_plans(plans, overwrite, require_gpu)
         return
     if not needs_no_check(plan.recipe):
         smoke_test(plan.recipe, require_gpu)
@@ -276,12 +276,12 @@ def generate_command(
         COMPILING.total = n_functions(plan.recipe)
         warm_up_jit(plan.recipe)
     share = share_of(shard)
-    failed = [make(*each, run, share, read_as, overwrite, retry_failed) for each in plans]
+    failed = [make(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
     if any(failed):
         raise SystemExit(SOME_FAILED)
 
 
-def check_scans(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
+def check_ranges(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
     """Refuse ranges of cameras that stand where a file says; report options that do not count."""
     if setup.range is not None and plan.views.rotations is not None:
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
@@ -291,7 +291,7 @@ def check_scans(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
         echo("--range says how far the sensor is: --distance does not count", err=True)
 
 
-def report(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: bool) -> None:
+def report_plans(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: bool) -> None:
     """Report what plans would make in their folders, and what that would cost; nothing stays."""
     for each in plans:
         check_folder(*each, overwrite=overwrite)
@@ -309,9 +309,19 @@ def report(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gpu: boo
 
 
 def make(
-    plan: Plan, out: Path, run: Run, share: tuple[int, int], read_as: str, overwrite: bool, retry_failed: bool
+    plan: Plan,
+    out: Path,
+    run: Run,
+    share: tuple[int, int],
+    read_as: str,
+    overwrite: bool,
+    retry_failed: bool,
+    beside: Sequence[tuple[Plan, Path]],
 ) -> bool:
-    """Make one dataset, or a share of it, and report on it; return whether a mesh failed."""
+    """Make one dataset, or a share of it, and report on it; return whether a mesh failed.
+
+    Folders of datasets `beside` get their plans before the first shard is made, so that `merge` misses none of them.
+    """
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
 
     mine = plan.shards[share[0] :: share[1]]
@@ -320,6 +330,8 @@ def make(
     def begun(task: Task, jobs: list[Any], done: Done) -> None:
         bar.delay = 0.0  # else what is shown now is not ended with its line
         bar.refresh()
+        for each in beside:
+            claim_folder(*each)
         run(task, jobs, done)
 
     with bar, logging_redirect_tqdm():

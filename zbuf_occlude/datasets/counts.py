@@ -93,7 +93,7 @@ class QualityCounts:
     def from_dict(cls, document: Mapping[str, Any]) -> "QualityCounts":
         """Read back what `to_dict` gave."""
         worst = document["worst"]
-        return cls(**{**document, "worst": worst and WorstView(*worst)})
+        return cls(**{**document, "worst": worst and WorstView(float(worst[0]), *worst[1:])})
 
     @property
     def error(self) -> dict[str, Any]:

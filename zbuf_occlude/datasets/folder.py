@@ -9,11 +9,11 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.atomic import LOCK, reading
@@ -37,28 +37,40 @@ ORIGINAL = "original"
 PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
 """Remedy of a damaged plan. Only the plan says which files are the dataset's, so nothing is deleted."""
 
-Kinds = Mapping[str, Any]
-"""Schema of a JSON object: for each name a type or types, or the `Kinds` of an object in it."""
+Kinds = dict[str, Any]
+"""Schema of a JSON object: for each name the kind of its value, which is a type or types, the `Kinds` of an object in
+it, an `Each`, or a list of the kinds of a list's values."""
 
+
+class Each(NamedTuple):
+    """Kind of an object, or of a list, of any number of values of one kind."""
+
+    of: type[dict[str, Any]] | type[list[Any]]
+    kind: Any
+
+
+SOURCE: Kinds = {"sha256": str, "files": Each(list, [str, int])}
+"""Schema of a `MeshSource`."""
 _SHARE = (int, float, type(None))  # None: nothing was checked
 _OF_MANIFEST: Kinds = {
-    "blank_views": dict,
-    "bytes": dict,
-    "classes": list,
+    "blank_views": Each(dict, {"n_views": int, "variation": int, "view": int, "reason": str}),
+    "bytes": Each(dict, int),
+    "classes": Each(list, str),
     "counts": {
-        "clouds": int, "clouds_by_split": dict, "meshes": int, "meshes_failed": int, "views": int, "variations": int,
+        "clouds": int, "clouds_by_split": Each(dict, int), "meshes": int, "meshes_failed": int, "views": int,
+        "variations": int,
     },
     "error": {"false_visible": _SHARE, "false_hidden": _SHARE, "interval": (list, type(None)), "n_checked": int},
-    "failures": dict,
-    "files": dict,
+    "failures": Each(dict, str),
+    "files": Each(dict, Each(list, str)),
     "fingerprint": str,
     "format": str,
-    "left_out": dict,
+    "left_out": Each(dict, str),
     "options": {"complete": bool, "method": str, "reason": str},
-    "origins": dict,
+    "origins": Each(dict, SOURCE),
     "renderer": str,
     "seed": int,
-    "sha256": dict,
+    "sha256": Each(dict, str),
 }  # fmt: skip
 """Fields of a manifest that the commands read."""
 
@@ -93,30 +105,35 @@ def read_manifest(out: Path) -> dict[str, Any] | None:
         document = read_object(path, _OF_MANIFEST)
         if not document["files"] or not all(document["files"].values()):
             raise ValueError("it names no files")
-        for split, names in document["files"].items():
-            for name in names:
-                if not isinstance(document["sha256"][name], str):
-                    raise TypeError(f"files of {split} without a checksum")
+        for names in document["files"].values():
+            for name in sorted(set(names) - document["sha256"].keys()):
+                raise KeyError(name)
     return document
 
 
 def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
     """Read a JSON object and check it against its schema; errors are those that `atomic.reading` expects."""
     document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    _check_kinds(document, kinds, "it")
+    _check_kind(document, kinds, "it")
     return document
 
 
-def _check_kinds(values: Any, kinds: Kinds, what: str) -> None:
-    if not isinstance(values, dict):
-        raise TypeError(f"{what} is no object")
-    for name, kind in kinds.items():
-        if name not in values:
-            raise KeyError(name)
-        if isinstance(kind, Mapping):
-            _check_kinds(values[name], kind, name)
-        elif not isinstance(values[name], kind):
-            raise TypeError(f"{name} is {json.dumps(values[name])[:40]}")
+def _check_kind(value: Any, kind: Any, what: str) -> None:
+    """Raise TypeError, ValueError or KeyError where a value, or one in it, is not what its schema says."""
+    of_value: Any = {dict: dict, list: list, Each: getattr(kind, "of", None)}.get(type(kind), kind)
+    if not isinstance(value, of_value):
+        raise TypeError(f"{what} is no object" if of_value is dict else f"{what} is {json.dumps(value)[:40]}")
+    if isinstance(kind, dict):
+        for name, of in kind.items():
+            _check_kind(value[name], of, name)
+    elif isinstance(kind, Each):
+        for each in value.values() if kind.of is dict else value:
+            _check_kind(each, kind.kind, what)
+    elif isinstance(kind, list):
+        if len(value) != len(kind):
+            raise ValueError(f"{what} has a row of {len(value)}")
+        for each, of in zip(value, kind, strict=True):
+            _check_kind(each, of, what)
 
 
 def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
@@ -253,14 +270,20 @@ def locked(out: Path, *, shared: bool = False, wait: bool = False) -> Iterator[N
 
 
 def remove(out: Path) -> None:
-    """Remove a dataset and its complete clouds from their folder, unless other files are in it (`removable`)."""
-    for folder, plan in removable(out):
-        unfinish(folder)  # first: what is left is no finished dataset
-        own, _ = partition_files(folder, plan)
-        names = f"{WORK}/{EXPORT_NAMES}"
-        remove_files(folder, [name for name in own if name not in (PLAN, LOCK, names)])
-        remove_files(folder, [names, f"{WORK}/"])  # last but one: until then all files are known to be ours
-        (folder / PLAN).unlink()  # last: until then the folder is
+    """Remove a dataset and its complete clouds from their folder, unless other files are in it (`removable`).
+
+    DatasetError where another run is at work on either of them.
+    """
+    with ExitStack() as held:
+        for folder in dict.fromkeys([out, *(folder for folder, _ in removable(out))]):
+            held.enter_context(locked(folder))
+        for folder, plan in removable(out):
+            unfinish(folder)  # first: what is left is no finished dataset
+            own, _ = partition_files(folder, plan)
+            names = f"{WORK}/{EXPORT_NAMES}"
+            remove_files(folder, [name for name in own if name not in (PLAN, LOCK, names)])
+            remove_files(folder, [names, f"{WORK}/"])  # last but one: until then all files are known to be ours
+            (folder / PLAN).unlink()  # last: until then the folder is
     with suppress(OSError):
         (out / ORIGINAL).rmdir()
 
@@ -298,12 +321,12 @@ def _original(out: Path) -> Plan | None:
     return None
 
 
-def remove_work(out: Path, plan: Plan) -> None:
-    """Remove unfinished work, the shards of an export, and temporary files of killed processes."""
+def leftover_work(out: Path, plan: Plan) -> list[str]:
+    """Return unfinished work, the shards of an export, and temporary files of killed processes."""
     own, _ = partition_files(out, plan)
     folders = (WORK, SHARDS) if find_format(plan.format).exported_from else (WORK,)
-    left = [each for each in own if each.split("/")[0] in folders or atomic.is_temporary(Path(each).name)]
-    remove_files(out, [name for name in left if name != LOCK])
+    left = (each for each in own if each.split("/")[0] in folders or atomic.is_temporary(Path(each).name))
+    return [name for name in left if name != LOCK]
 
 
 def partition_files(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
@@ -339,7 +362,8 @@ def recorded(out: Path) -> Iterator[str]:
     for path in (out / MANIFEST, out / WORK / EXPORT_NAMES):
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # damaged: what it names stays
             document = json.loads(path.read_bytes())
-            yield from document["sha256"] if "sha256" in document else document["names"]
+            names = document["sha256"] if "sha256" in document else document["names"]
+            yield from (name for name in names if isinstance(name, str))
 
 
 def remove_files(out: Path, names: Iterable[str]) -> None:

@@ -21,11 +21,12 @@ from zbuf_occlude.datasets.folder import (
     claim_folder,
     contains_plan,
     damaged,
+    leftover_work,
     locked,
     read_manifest,
     removable,
     remove,
-    remove_work,
+    remove_files,
     unfinish,
     write_names,
 )
@@ -116,19 +117,23 @@ def generate(
             f"Leave it out, and remove {out} before the first share."
         )
     if overwrite and removable(out):
-        with locked(out):
-            remove(out)
+        remove(out)
     elif (
-        contains_plan(plan, out) and (finished := read_manifest(out)) and not _faults(plan, finished, out, retry_failed)
+        contains_plan(plan, out)
+        and (finished := read_manifest(out))
+        and not _faults(plan, finished, out, retry_failed)
+        and not leftover_work(out, plan)
     ):
         progress(plan.n_clouds)
-        remove_work(out, plan)
         return finished
     with locked(out, shared=share != (0, 1)):
         claim_folder(plan, out)
         if (finished := read_manifest(out)) is not None:
             faults = _faults(plan, finished, out, retry_failed)
-            if not faults:  # another run has just ended
+            if not faults:
+                if share == (0, 1):  # else other shares may be at work
+                    remove_files(out, leftover_work(out, plan))
+                progress(plan.n_clouds)
                 return finished
             for fault in faults:
                 _LOG.warning("%s", fault)

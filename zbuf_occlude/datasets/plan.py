@@ -12,7 +12,7 @@ import math
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -52,6 +52,8 @@ SHARD_BYTES = 512 * 2**20
 """Maximum estimated size of a shard, which is made in memory."""
 POINT_BYTES, RETURN_BYTES = 32, 80
 """Estimated bytes of a point on a surface, and of a return of a sensor, with all their fields."""
+WHOLE_POINT_BYTES, ATTRIBUTE_BYTES, WHOLE_RETURN_BYTES = 10, {"normals": 12, "colors": 3}, 104
+"""Bytes of a point, of its attributes and of a return where whole objects are kept (`zbuf_occlude.datasets.packed`)."""
 AREA = 6.0
 """Estimated area of an object whose longest side is 1: that of a cube."""
 PAIRS_CHECKED = 37_000
@@ -246,6 +248,8 @@ class Plan:
         these only give their number.
     version : int
         The version of the data.
+    converted_from : mapping or None
+        Format and fingerprint of the dataset whose clouds are converted to the format, where they are.
     """
 
     meshes: MeshCollection
@@ -253,6 +257,7 @@ class Plan:
     format: str = "hdf5"
     views: Views = None  # type: ignore[assignment]  # set below; every Plan has views
     version: int = DATA_VERSION
+    converted_from: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
         if self.views is None:
@@ -260,8 +265,8 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again."""
-        names = ("meshes", "recipe", "format", "views", "version", "classes", "fingerprint", "split_of", "shards")
-        return {name: getattr(self, name) for name in names}
+        costly = ("classes", "fingerprint", "split_of", "shards")
+        return {name: getattr(self, name) for name in (*(each.name for each in fields(self)), *costly)}
 
     @cached_property
     def classes(self) -> list[str]:
@@ -301,12 +306,33 @@ class Plan:
     @cached_property
     def _cloud_bytes(self) -> int:
         """The estimated size of a cloud."""
-        recipe, setup = self.recipe, self.recipe.setup
-        n_points = recipe.sample_size or recipe.n_points or math.ceil(AREA * (recipe.density or 0.0))
-        if setup is not None and recipe.sample_size is None and setup.keep == "all":
-            sizes = self.views.sizes
-            n_points = len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
-        return n_points * (POINT_BYTES if setup is None else RETURN_BYTES)
+        if self.recipe.setup is not None:
+            return (self.recipe.sample_size or self._n_returns) * RETURN_BYTES
+        return (self.recipe.sample_size or self._n_points) * POINT_BYTES
+
+    @property
+    def _n_points(self) -> int:
+        """The estimated number of points sampled on a mesh."""
+        return self.recipe.n_points or math.ceil(AREA * (self.recipe.density or 0.0))
+
+    @cached_property
+    def _n_returns(self) -> int:
+        """The estimated number of returns of a scan: one of each ray; of an object alone as many as points."""
+        setup, sizes = self.recipe.setup, self.views.sizes
+        if setup is None or setup.keep != "all":
+            return self._n_points
+        return len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
+
+    @cached_property
+    def _mesh_bytes(self) -> int:
+        """The estimated size of all clouds of a mesh in memory."""
+        from zbuf_occlude.datasets.formats import find_format  # late: its rows check plans
+
+        if not find_format(self.format).keeps_points:
+            return self.clouds_per_mesh * self._cloud_bytes
+        point = WHOLE_POINT_BYTES + sum(ATTRIBUTE_BYTES.get(name, 0) for name in self.recipe.attributes)
+        view = -(-self._n_points // 8) if self.recipe.setup is None else self._n_returns * WHOLE_RETURN_BYTES
+        return self.recipe.variations * (self._n_points * point + len(self.views) * view)
 
     @property
     def clouds_per_file(self) -> int:
@@ -317,8 +343,8 @@ class Plan:
     def meshes_per_shard(self) -> int:
         """The maximum number of meshes of a shard; the number of workers does not matter."""
         wanted = max(FEWEST_PER_SHARD, self.n_clouds // LEAST_SHARDS)
-        n_clouds = min(wanted, FILES_PER_SHARD * CLOUDS_PER_FILE, SHARD_BYTES // self._cloud_bytes)
-        return max(1, n_clouds // self.clouds_per_mesh)
+        n_clouds = min(wanted, FILES_PER_SHARD * CLOUDS_PER_FILE)
+        return max(1, min(n_clouds // self.clouds_per_mesh, SHARD_BYTES // self._mesh_bytes))
 
     @cached_property
     def shards(self) -> list[NDArray[np.int32]]:
@@ -385,7 +411,8 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the plan as plain data, for plan.json: the recipe, the positions and every mesh."""
-        return {
+        converted = {} if self.converted_from is None else {"converted_from": dict(self.converted_from)}
+        return converted | {
             "recipe": self.recipe.to_dict(),
             "format": self.format,
             "views": self.views.to_rows().tolist(),
@@ -402,7 +429,8 @@ class Plan:
             for key, label, split, up, unit in document["meshes"]
         ]
         views, recipe = Views.from_rows(document["views"]), DatasetConfig(**document["recipe"])
-        return cls(MeshCollection(entries), recipe, document["format"], views, document["version"])
+        converted_from = document.get("converted_from")
+        return cls(MeshCollection(entries), recipe, document["format"], views, document["version"], converted_from)
 
     def differences(self, theirs: Mapping[str, Any]) -> Iterator[str]:
         """Yield the differences from another plan's document, in words."""
@@ -425,6 +453,9 @@ class Plan:
         for name, what in (("format", "format"), ("version", "data version")):
             if theirs[name] != mine[name]:
                 yield f"{what} was {theirs[name]!r}, and is {mine[name]!r}"
+        then, now = (_made_of(document.get("converted_from")) for document in (theirs, mine))
+        if then != now:
+            yield f"clouds were made of {then}, and are made of {now}"
 
     @cached_property
     def fingerprint(self) -> str:
@@ -449,6 +480,11 @@ def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))
     elif json.dumps(then) != json.dumps(now):  # a plan that was written down has lists where there were tuples
         yield f"{name} was {then!r:.60}, and is {now!r:.60}"
+
+
+def _made_of(converted_from: Mapping[str, str] | None) -> str:
+    """Return in words what the clouds of a dataset are made of: meshes, or another dataset."""
+    return "meshes" if converted_from is None else "the {format} dataset {fingerprint}".format(**converted_from)
 
 
 def _not_loadable(key: str) -> Mesh:

@@ -4,11 +4,10 @@ The sidecar ``shards/NNNNNN.json`` is written last. A shard is done when its sid
 sizes.
 """
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -20,12 +19,30 @@ from zbuf_occlude.base.atomic import FileDigest
 from zbuf_occlude.base.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.base.provenance import MeshSource
 from zbuf_occlude.datasets.counts import Blank, QualityCounts
-from zbuf_occlude.datasets.folder import SHARDS, has_size
+from zbuf_occlude.datasets.folder import SHARDS, SOURCE, Each, Kinds, has_size, read_object
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import Sampling, count_mesh, samplings
 from zbuf_occlude.datasets.plan import Plan
 from zbuf_occlude.datasets.records import Records, gather_clouds, record_type
 from zbuf_occlude.geometry.mesh import Mesh
+
+_OF_COUNTS: Kinds = {each.name: type(each.default) for each in fields(QualityCounts)} | {
+    "clear_range": (int, float),
+    "worst": (list, type(None)),
+    "faces_dropped": Each(dict, int),
+}
+_OF_SIDECAR: Kinds = {
+    "fingerprint": str,
+    "counts": _OF_COUNTS,
+    "failures": Each(dict, str),
+    "blank": Each(dict, [int, int, int, str]),
+    "sources": Each(dict, SOURCE),
+    "renderers": Each(list, str),
+    "seconds": (int, float),
+    "n_clouds": Each(dict, int),
+    "files": Each(dict, Each(list, [str, int, str])),
+}
+"""Schema of a sidecar."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +85,7 @@ class ShardReport:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ShardReport":
-        """Read back what `to_dict` gave; the errors of other data are among `atomic.DAMAGES`."""
+        """Read back what `to_dict` gave, of the schema `_OF_SIDECAR`."""
         read: dict[str, Any] = {
             "counts": QualityCounts.from_dict(document["counts"]),
             "blank": {key: Blank(*each) for key, each in document["blank"].items()},
@@ -215,10 +232,10 @@ def read_shard(plan: Plan, out: Path, number: int) -> tuple[ShardReport | None, 
     """
     path = sidecar_path(out, number)
     try:
-        report = ShardReport.from_dict(json.loads(path.read_bytes()))
+        report = ShardReport.from_dict(read_object(path, _OF_SIDECAR))
     except FileNotFoundError:
         return None, ""
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+    except (ValueError, LookupError, TypeError, RecursionError):
         return None, f"{path.name} is damaged"
     if report.fingerprint != plan.fingerprint:
         raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {report.fingerprint}.")

@@ -1,7 +1,7 @@
 """Readers of the clouds of a dataset: records by number, in the order of the files."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_folder import CloudFolder, cloud_files
 from zbuf_occlude.datasets.folder import PLAN, read_finished
 from zbuf_occlude.datasets.formats import find_format
-from zbuf_occlude.datasets.plan import DatasetConfig, Numbers, Plan
+from zbuf_occlude.datasets.plan import Numbers, Plan
 from zbuf_occlude.datasets.records import IDS, Records, record_type
 from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -90,26 +90,24 @@ class CloudReader:
             yield self.take(numbers[start : start + size])
 
 
-def open_dataset(folder: Path, recipe: DatasetConfig | None = None) -> CloudReader:
+def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
     """Return the clouds of a complete dataset, or of a folder of cloud files by class.
 
-    Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change. One that
-    is damaged, or a layout of others, is a DatasetError.
+    Those of a packed one are drawn, and ordered, by another plan of the same meshes where one is given. One that is
+    damaged, or a layout of others, is a DatasetError.
     """
     if not (folder / PLAN).exists() and cloud_files(folder):
         clouds = CloudFolder(folder)
         return CloudReader(clouds.plan, clouds.order, clouds.take, ids=clouds.ids, sweeps=clouds.origins)
     plan, manifest = read_finished(folder)
-    if recipe is not None:
-        assert find_format(plan.format).whole_objects
-        plan = replace(plan, recipe=recipe)
     row = find_format(plan.format)
+    assert redrawn is None or row.whole_objects  # no other has the points to draw from
     if row.exported_from:
         raise DatasetError(
             f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
             f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
         )
-    source: CloudReader = row.load().read(folder, plan, manifest["files"])
+    source: CloudReader = row.load().read(folder, redrawn or plan, manifest["files"])
     if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
         raise DatasetError(
             f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"

@@ -6,7 +6,7 @@ surface.
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -123,7 +123,8 @@ def verify(
     ----------
     out : Path
     meshes : MeshCollection or None
-        With the keys of the dataset's meshes; None holds no cloud against them.
+        With the keys of the dataset's meshes, up axes and units as its plan says; None holds no cloud against them.
+        Classes and splits are the plan's.
     n_samples : int
         Clouds held against their meshes, chosen at random by the dataset's seed.
     run : callable, optional
@@ -164,7 +165,7 @@ def verify(
         source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
         everything = np.concatenate(list(source.order.values()))
         records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-        by_key = {entry.key: entry for entry in meshes}
+        by_key = _as_planned(meshes, plan)
         scanned = plan.recipe.setup is not None and not plan.recipe.complete
         # any may stand around the target of a scan
         mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
@@ -172,6 +173,8 @@ def verify(
             verdict.faults.append(
                 f"the meshes given must have {lacking[0]}; they have not. Give those that the dataset was made of."
             )
+        elif wrong := next(filter(None, (_wrong_frame(plan.meshes[i], by_key) for i in mesh_ids)), ""):
+            verdict.faults.append(wrong)
         elif scanned:
             _scan_again(records, plan, manifest, by_key, n_samples, verdict)
         elif plan.recipe.complete:
@@ -187,6 +190,25 @@ def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) 
     chosen = {names[i] for i in np.random.default_rng(seed).permutation(len(names))[:ASKED_FILES].tolist()}
     found = {split: [name for name in of_split if name in chosen] for split, of_split in files.items()}
     return {split: of_split for split, of_split in found.items() if of_split}
+
+
+def _as_planned(meshes: MeshCollection, plan: Plan) -> dict[str, MeshEntry]:
+    """Return meshes by key, with the classes and splits that a dataset gave them, by labels or a preset."""
+    planned = {entry.key: entry for entry in plan.meshes}
+    return {
+        entry.key: replace(entry, label=planned[entry.key].label, split=planned[entry.key].split)
+        for entry in meshes
+        if entry.key in planned
+    }
+
+
+def _wrong_frame(planned: MeshEntry, by_key: Mapping[str, MeshEntry]) -> str:
+    """Return the fault of a mesh that is read with another up axis or unit than the dataset's; "" where it is not."""
+    given = by_key[planned.key]
+    for option, theirs, mine in (("up", planned.up, given.up), ("unit", planned.unit, given.unit)):
+        if theirs != mine:
+            return f"{option} of {planned.key} was {theirs or 'none'} and is {mine or 'none'}; give the dataset's."
+    return ""
 
 
 def _load(entry: MeshEntry, manifest: Mapping[str, Any]) -> Mesh:

@@ -198,3 +198,72 @@ def test_asking_what_is_compiled_makes_no_folder(monkeypatch: pytest.MonkeyPatch
     assert not list(tmp_path.iterdir())
     monkeypatch.setenv("NUMBA_CACHE_DIR", "x" * 300)
     assert not compiler.compiled_before("a job that nobody noted"), "a place that cannot be looked at"
+
+
+EXTERNALS = """
+from package import gate
+from package.base.jit.compiler import external, njit
+@external("float64(float64)")
+def outer(x):
+    return more(x)
+gate.pause()
+@njit()
+def more(x):
+    return x + 1.0
+@njit(cache=True)
+def call(x):
+    return outer(x)
+"""
+GATE = (
+    "import threading\nbegun, go = threading.Event(), threading.Event()\ndef pause():\n    begun.set(), go.wait(60)\n"
+)
+
+
+def test_a_thread_calls_functions_while_another_imports_external_ones(package: Path) -> None:
+    """A function of a module that is half imported lacks those that it calls."""
+    (package / "externals.py").write_text(EXTERNALS)
+    (package / "gate.py").write_text(GATE)
+    program = (
+        "import importlib, threading\n"
+        "from package import gate\n"
+        "from package.base.callee import answer\n"
+        "other = threading.Thread(target=importlib.import_module, args=['package.externals'])\n"
+        "other.start(), gate.begun.wait(60)\n"
+        "print(answer())\n"
+        "gate.go.set(), other.join()\n"
+        "from package.externals import call\n"
+        "print(call(1.0))\n"
+    )
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR="").split() == ["1", "2.0"]
+
+
+def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path) -> None:
+    """One defines an external function, while another declares a function that is cached."""
+    (package / "externals.py").write_text(EXTERNALS.replace("more(x)", "x + 1.0", 1))
+    (package / "gate.py").write_text("def pause(): pass\n")
+    program = (
+        "import numba, threading\n"
+        "from package.base.jit import compiler\n"
+        "defining, declaring, defined = (threading.Event() for _ in range(3))\n"
+        "folder, cfunc, njit = compiler.cache_folder(), numba.cfunc, numba.njit\n"
+        "def late_folder():\n"
+        "    if threading.current_thread() is other: declaring.set(), defining.wait(60)\n"
+        "    return folder\n"
+        "def slow_cfunc(*given, **options):\n"
+        "    defining.set(), inside.wait(2)\n"
+        "    return cfunc(*given, **options)\n"
+        "def slow_njit(*given, **options):\n"
+        "    if threading.current_thread() is other: inside.set(), defined.wait(60)\n"
+        "    return njit(*given, **options)\n"
+        "inside = threading.Event()\n"
+        "compiler.cache_folder, numba.cfunc, numba.njit = late_folder, slow_cfunc, slow_njit\n"
+        "before = numba.config.CACHE_DIR\n"
+        "from package.base.caller import ask\n"
+        "other = threading.Thread(target=ask)\n"
+        "other.start(), declaring.wait(60)\n"
+        "from package.externals import call, outer\n"
+        "compiler._define_externals()\n"
+        "defined.set(), other.join()\n"
+        "print(numba.config.CACHE_DIR == before, call(1.0))\n"
+    )
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR="").split() == ["True", "2.0"]

@@ -10,10 +10,13 @@ ENDS = "the worker ended"
 
 
 class Puppet:
-    """Its job n is one mesh, n: "done"; or the worker ends at the "start", the "mesh", the "job", or is "broken"."""
+    """Its job n is one mesh, n: "done" or "slow"; or it ends at the "start", the "mesh", the "job", or is "broken"."""
 
-    def __init__(self, fate: str = "done", *, killed: bool = False, ready: bool = True) -> None:
+    def __init__(
+        self, fate: str = "done", *, killed: bool = False, ready: bool = True, memory: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         self.fate, self.killed, self.end = fate, killed, ENDS if fate == "start" else ""
+        self.memory = memory  # before its mesh and at it, gigabytes
         self.said: list[Message] = [("ready", 1)] if ready and fate != "start" else []
         self.lost: dict[int, str] = {}
 
@@ -22,21 +25,26 @@ class Puppet:
         if self.fate == "broken":
             self.said.append(("broken", "no driver"))
         else:
-            self.said += [("mesh", job), ("mesh", None)][: 1 + (self.fate != "mesh")]
+            begun: list[Message] = [("mesh", (job, self.memory[0])), ("mesh", (None, self.memory[0]))]
+            self.said += begun[: 1 + (self.fate not in ("mesh", "slow"))]
         if self.fate == "done" or (self.fate == "mesh" and job in lost):
             self.said.append(("done", (job, None)))
+        elif self.fate == "slow":
+            self.fate = "done"
         else:
             self.end = ENDS
 
     def listen(self) -> list[Message]:
         said, self.said = self.said, []
+        if said and said[-1][0] == "mesh" and self.fate == "done":  # it is slow: done at the next look
+            self.said.append(("done", (said[-1][1][0], None)))
         return said
 
     def ending(self) -> ExitStatus | None:
         return ExitStatus(self.end, self.killed) if self.end else None
 
     def gigabytes(self) -> float:
-        return 0.0
+        return self.memory[1]
 
     def kill(self) -> None:
         self.end = "killed"
@@ -82,6 +90,15 @@ def test_a_mesh_at_which_workers_end_is_a_failure(killed: bool, fates: list[str]
     assert done == [0]
     reason = f"{ENDS} at it, {fates.count('mesh')} times"
     assert started[-1].lost == ({0: reason} if given_up else {})
+
+
+@pytest.mark.parametrize(("before", "lost"), [(7.0, False), (0.0, True)])
+def test_what_a_worker_had_before_a_mesh_does_not_count_as_the_meshs(before: float, lost: bool) -> None:
+    """A worker has the clouds of its shard in memory, up to half a gigabyte, besides the mesh that it is at."""
+    done, started = run([0], [Puppet("slow", memory=(before, Limits().gigabytes + 1.0))])
+    assert done == [0]
+    assert len(started) == 1 + lost
+    assert started[-1].lost == ({0: started[-1].lost.get(0, "")} if lost else {})
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,8 @@ CACHE_KEY_FOLDERS = (
 """Folders of the package whose functions and constants compiled functions of other files use."""
 
 _LOG = logging.getLogger(__name__)
-_lock = threading.Lock()
+_lock = threading.RLock()
+"""Lock of numba's setting of the cache folder. A thread that holds it too takes numba's compiler lock first."""
 
 
 class Kernel:
@@ -79,7 +80,7 @@ class External:
         from llvmlite import binding
 
         folder = cache_folder()
-        with _caching_in(folder):
+        with _lock, _caching_in(folder):
             self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
         symbol = f"{self._function.__module__}.{self._function.__name__}"
         binding.add_symbol(symbol, self._compiled.address)
@@ -96,7 +97,10 @@ _is_defining = False
 
 
 def _define_externals() -> None:
-    """Define the external functions of all modules so far: compiled code in the cache does not say which it calls."""
+    """Define the external functions of all modules imported so far.
+
+    Compiled code in the cache does not say which of them it calls.
+    """
     global _is_defining
     if not _undefined:
         return
@@ -107,12 +111,20 @@ def _define_externals() -> None:
             return
         _is_defining = True
         try:
-            while _undefined:
-                each = _undefined[0]  # a function calls only those declared before it
-                _ = each._numba_type_
-                _undefined.remove(each)
+            for each in list(_undefined):  # a function calls only those declared before it
+                if not _is_being_imported(each.__module__):
+                    _ = each._numba_type_
+                    _undefined.remove(each)
         finally:
             _is_defining = False
+
+
+def _is_being_imported(module: str) -> bool:
+    """Return whether a thread is still at a module, which then lacks functions that its first ones call.
+
+    No function that can be called already calls those of such a module.
+    """
+    return bool(getattr(getattr(sys.modules.get(module), "__spec__", None), "_initializing", False))
 
 
 @contextmanager

@@ -32,12 +32,12 @@ from zbuf_occlude.datasets.folder import (
     claim_folder,
     contains_plan,
     damaged,
+    leftover_work,
     locked,
     read_finished,
     read_manifest,
     recorded,
     remove_files,
-    remove_work,
     sizes,
     unfinish,
     write_names,
@@ -139,7 +139,7 @@ def finish_folder(
         "bytes": sizes(out, sha256),
     }
     atomic.write_json(out / MANIFEST, document)
-    remove_work(out, plan)
+    remove_files(out, leftover_work(out, plan))
     return document
 
 
@@ -215,8 +215,10 @@ def convert(
     """
     old, manifest = read_finished(folder)
     plan = _converted(old, format)
-    about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
-    redrawn = plan.recipe if find_format(old.format).whole_objects else None  # the draw follows the new format
+    about = {**manifest, "converted_from": plan.converted_from}
+    redrawn = None
+    if find_format(old.format).whole_objects:  # draw and order are those of the new format
+        redrawn = replace(old, recipe=plan.recipe, format=find_format(format).storage.name)
     source = open_dataset(folder, redrawn)
     contains_plan(plan, out)
     with locked(out):
@@ -229,11 +231,6 @@ def _convert(
 ) -> dict[str, Any]:
     row, finished = find_format(plan.format), read_manifest(out)
     if finished is not None:
-        if finished.get("converted_from") != about["converted_from"]:
-            raise DatasetError(
-                f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
-                "otherwise. Choose another folder."
-            )
         if not (lost := damaged(out, finished)):
             progress(sum(source.n_clouds.values()))
             return finished
@@ -275,7 +272,7 @@ def _converted(old: Plan, format: str) -> Plan:
             f"{format} must be made of all points of the objects, for it holds complete clouds; {old.format} keeps "
             f"only those drawn. Make it with `zbuf-occlude generate --format {format}`, or convert a packed dataset."
         )
-    plan: Plan = replace(old, format=format)
+    plan: Plan = replace(old, format=format, converted_from={"format": old.format, "fingerprint": old.fingerprint})
     if is_packed:
         plan = replace(plan, recipe=row.redrawn(plan.recipe))
     row.check(replace(plan, meshes=row.select(plan.meshes)))

@@ -261,7 +261,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
             )
         scale = {"cloud": "object", "metres": "mesh"}.get(plan.recipe.scale, plan.recipe.scale)
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
-        return open_dataset(self.folder, drawn)
+        return open_dataset(self.folder, replace(plan, recipe=drawn))
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

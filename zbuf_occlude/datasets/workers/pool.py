@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Literal, NamedTuple, Protocol
 
 from zbuf_occlude.base.errors import DatasetError, GlError, OccludeError
-from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.base.limits import Limits, resident_gigabytes
 from zbuf_occlude.datasets.workers import Done, Task
 
 _LOG = logging.getLogger(__name__)
@@ -32,9 +32,9 @@ READY_SECONDS = 300.0
 """Seconds without a ready worker after which the run ends: the cluster has no room, or processes do not start."""
 
 Message = tuple[Literal["ready", "mesh", "done", "log", "broken", "failed"], Any]
-"""("ready", pid) first; ("mesh", mesh_id) before each mesh, None behind the last of a job; ("done", (job, result)); at
-any time ("log", record) of the package's log; as the last one ("broken", reason) of a lost GL context, or ("failed",
-reason) of an error that any worker would meet."""
+"""("ready", pid) first; ("mesh", (mesh_id, gigabytes)) before each mesh, with the worker's memory then, and mesh_id
+None behind the last of a job; ("done", (job, result)); at any time ("log", record) of the package's log; as the last
+one ("broken", reason) of a lost GL context, or ("failed", reason) of an error that any worker would meet."""
 
 
 class LogSender(logging.handlers.QueueHandler):
@@ -68,7 +68,9 @@ def work(connection: Connection, task: Task, device_index: int | None) -> None:
             connection.send(("ready", os.getpid()))
             while (request := connection.recv()) is not None:
                 job, lost = request
-                result = task.do(job, gl, lost, lambda mesh_id: connection.send(("mesh", mesh_id)))
+                result = task.do(
+                    job, gl, lost, lambda mesh_id: connection.send(("mesh", (mesh_id, resident_gigabytes(os.getpid()))))
+                )
                 connection.send(("done", (job, result)))
         except GlError as error:
             connection.send(("broken", str(error)))
@@ -182,6 +184,7 @@ class _WorkerSlot:
     job: Any = None
     mesh_id: int | None = None
     mesh_began: float = 0.0
+    gigabytes_before: float = 0.0  # of the worker, which has the clouds of its shard in memory too
     n_done: int = 0
 
 
@@ -204,7 +207,8 @@ class _Pool:
             self._put_back(seat, ending.reason)
             return False
         if seat.mesh_id is not None:
-            excess = self.limits.exceeded(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
+            grown = seat.worker.gigabytes() - seat.gigabytes_before
+            excess = self.limits.exceeded(time.monotonic() - seat.mesh_began, grown)
             if excess:
                 excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}, with --retry-failed."
                 seat.worker.kill()
@@ -226,7 +230,7 @@ class _Pool:
             seat.ready = True
             self.ends.pop("start", None)
         elif kind == "mesh":
-            seat.mesh_id, seat.mesh_began = value, time.monotonic()
+            (seat.mesh_id, seat.gigabytes_before), seat.mesh_began = value, time.monotonic()
         elif kind == "done":
             job, result = value
             self.ends.pop("GL", None)
