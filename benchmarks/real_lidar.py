@@ -19,12 +19,14 @@ dropout" that to all that geometry lets return.
 """
 
 import sys
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from common import run
-from drive_logs import SLACK, Box, DriveSweep, Log, read_log, within
+from drive_logs import SLACK, Box, DriveSweep, Log, points_of, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -34,6 +36,8 @@ from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
 from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.noise import detection_probability
+from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.shapes.road_users import RIDDEN_FROM
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
@@ -55,23 +59,35 @@ LEAST, LEAST_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
 MOST = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
-CARS = [shapes.make("car", i) for i in range(12)]
-"""What boxes of cars are filled with; `detection_range` was fitted with them."""
+MODELS = 5
+"""Built-in road users that fill a box in turn: what a labelled object is like in its box is not known."""
+LIKELY = 40
+"""Members among which the `MODELS` of a person are found, by the proportions of the box."""
 DRAWS = 40
 """How often albedos and returns are drawn."""
+BEFORE = 0.5
+"""Metres. A real return so much nearer than a simulated one is of something in front; labels are not as exact."""
 SHADES = 48
 """Albedos for which the share of returns is computed; between them it is interpolated."""
 
 
 class Counted(NamedTuple):
-    """One sighting of an object: what, where, its real number of returns; cosine and range of each simulated one."""
+    """One sighting of an object: what, where, its real number of returns; of each model those simulated.
+
+    A simulated return has a cosine, a range, and the factor on the albedo of what it meets.
+    """
 
     group: str
     category: str
     identity: int
     distance: float
     real: int
-    returns: np.ndarray
+    returns: list[np.ndarray]
+
+    @property
+    def n_without_dropout(self) -> float:
+        """Simulated returns, of all models in the mean."""
+        return float(np.mean([len(each) for each in self.returns]))
 
 
 def kind_of(category: str) -> str:
@@ -79,19 +95,43 @@ def kind_of(category: str) -> str:
     return next((kind for word, kind in KINDS if word in category.lower()), "box")
 
 
-def filled(given: Box) -> Placed:
-    """Return a model as large as a box, put there."""
+def filled(given: Box, number: int) -> Placed:
+    """Return one of the `MODELS` as large as a box, put there."""
     kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
-    if kind in shapes.ROAD_USERS:
+    foot = given.centre - [0.0, 0.0, sides[2] / 2]
+    pose = moved(yaw=given.yaw + np.pi / 2, to=foot)  # built-in ones face -y
+    member = "van" if "van" in given.category.lower() else kind
+    if kind in ("pedestrian", "bicycle") and given.sides[2] >= RIDDEN_FROM:
+        mesh = person("cyclist" if kind == "bicycle" else kind, tuple(sides), number)
+    elif kind in ("car", "bus"):
+        mesh = stretched(shapes.traffic.make(member, (given.identity + number) % 1000), sides)
+    elif kind in shapes.ROAD_USERS:
         mesh = shapes.road_user(kind, given.sides)
     else:
-        other = pole_mesh(0.5, 1.0) if kind == "pole" else box_mesh(1.0, 1.0, 1.0)
-        mesh = CARS[given.identity % len(CARS)] if kind == "car" else other
-        mesh = mesh.transformed(1.0, -mesh.centre)
-        scale = sides / np.ptp(mesh.bounds, axis=0)
-        mesh = zo.Mesh(mesh.vertices * scale + [0.0, 0.0, sides[2] / 2], mesh.faces)
-    foot = given.centre - [0.0, 0.0, sides[2] / 2]
-    return Placed(mesh, given.category, moved(yaw=given.yaw + np.pi / 2, to=foot))  # built-in ones face -y
+        mesh = stretched(pole_mesh(0.5, 1.0) if kind == "pole" else box_mesh(1.0, 1.0, 1.0), sides)
+    return Placed(mesh, given.category, pose)
+
+
+def stretched(mesh: zo.Mesh, sides: np.ndarray) -> zo.Mesh:
+    """Return a mesh as wide, long and high as `sides`, on z = 0."""
+    mesh = mesh.transformed(1.0, -mesh.centre)
+    scale = sides / np.ptp(mesh.bounds, axis=0)
+    return replace(mesh, vertices=mesh.vertices * scale + [0.0, 0.0, sides[2] / 2])
+
+
+@lru_cache(1)
+def proportions(label: str) -> np.ndarray:
+    """Return width and length over height of `LIKELY` members, (n, 2)."""
+    sides = np.array([np.ptp(shapes.traffic.make(label, i).bounds, axis=0) for i in range(LIKELY)])
+    return sides[:, :2] / sides[:, 2:]
+
+
+@lru_cache(256)
+def person(label: str, sides: tuple[float, float, float], number: int) -> zo.Mesh:
+    """Return the member whose proportions are the `number`-th most like a box's, as high as the box."""
+    away = np.linalg.norm(np.log(proportions(label) / (np.array(sides[:2]) / sides[2])), axis=1)
+    mesh = shapes.traffic.make(label, int(np.argsort(away)[number]))
+    return mesh.transformed(sides[2] / float(np.ptp(mesh.bounds, axis=0)[2]))
 
 
 def wanted(given: Box, mount: np.ndarray) -> bool:
@@ -113,25 +153,63 @@ def without_own_car(sweep: DriveSweep) -> DriveSweep:
 
 def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
     """Scan every object of a sweep."""
-    models, found = [filled(box) for box in sweep.boxes], []
-    if not any(wanted(box, sweep.mounts[0]) for box in sweep.boxes):
+    targets = [number for number, box in enumerate(sweep.boxes) if wanted(box, sweep.mounts[0])]
+    if not targets:
         return []
+    returns = [returns_in(sweep, targets, model, sensor) for model in range(MODELS)]
+    found = []
+    for number, of_models in zip(targets, zip(*returns, strict=True), strict=True):
+        box = sweep.boxes[number]
+        distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
+        group = GROUPS[kind_of(box.category)]
+        found.append(Counted(group, box.category, box.identity, distance, box.n_points or 0, list(of_models)))
+    return found
+
+
+def returns_in(sweep: DriveSweep, targets: list[int], model: int, sensor: Sensor) -> list[np.ndarray]:
+    """Return cosine, range and factor on the albedo of the returns in each target's box, all boxes filled anew."""
+    models, found = [filled(box, model) for box in sweep.boxes], []
     scene = Scene.joined(models)
+    factors = np.ones(len(scene.mesh.faces)) if scene.scattering is None else scene.scattering
     with zo.prepare(scene.mesh, "exact") as occluder:
-        for number, box in enumerate(sweep.boxes):
-            if not wanted(box, sweep.mounts[0]):
-                continue
+        for number in targets:
+            box = sweep.boxes[number]
             corners = np.stack([models[number].vertices.min(axis=0), models[number].vertices.max(axis=0)])
             scans = [zo.scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
             # as real ones are counted: here, or by the makers, strictly within; boxes overlap
             if sweep.cloud is not None:
                 scans = [s.select(within(box, s.points, SLACK)) for s in scans]
+                scans = [s.select(~hidden_by_others(s, box, sensor, sweep.cloud)) for s in scans]
             else:
                 scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
-            returns = np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], axis=1) for s in scans])
-            distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
-            group = GROUPS[kind_of(box.category)]
-            found.append(Counted(group, box.category, box.identity, distance, box.n_points or 0, returns))
+            rows = [np.stack([np.cos(s.incidences), s.clean_ranges, factors[s.face_ids]], axis=1) for s in scans]
+            found.append(np.concatenate(rows))
+    return found
+
+
+@lru_cache(2)
+def as_rays(cloud: Path, sensor: Sensor) -> list[np.ndarray]:
+    """Return azimuth, range and number of the points of each laser, (n, 3), in the order of their azimuths."""
+    points = points_of(cloud)
+    rings = np.argmin([np.abs(above) for above in sensor.angles_above_lasers(points)], axis=0)
+    rows = np.stack([np.arctan2(points[:, 1], points[:, 0]), np.linalg.norm(points, axis=1), np.arange(len(points))], 1)
+    return [rows[rings == ring][np.argsort(rows[rings == ring, 0])] for ring in range(int(rings.max()) + 1)]
+
+
+def hidden_by_others(scan: Scan, box: Box, sensor: Sensor, cloud: Path) -> np.ndarray:
+    """Whether the real ray beside each simulated one (n,) ended `BEFORE` it, outside the box: what nobody labelled."""
+    found = np.zeros(len(scan), dtype=bool)
+    azimuths, step = np.arctan2(scan.points[:, 1], scan.points[:, 0]), 2.0 * np.pi / sensor.pattern["columns"]
+    for ring, rows in enumerate(as_rays(cloud, sensor)):
+        mine = np.flatnonzero(scan.rings == ring)
+        if not len(mine) or not len(rows):
+            continue
+        after = np.searchsorted(rows[:, 0], azimuths[mine])
+        beside = np.stack([np.maximum(after - 1, 0), np.minimum(after, len(rows) - 1)])
+        off = np.abs(rows[beside, 0] - azimuths[mine])
+        nearest = rows[np.take_along_axis(beside, off.argmin(axis=0)[None], axis=0)[0]]
+        outside = ~within(box, points_of(cloud)[nearest[:, 2].astype(int)], BEFORE)
+        found[mine] = (off.min(axis=0) < step) & (nearest[:, 1] < scan.clean_ranges[mine] - BEFORE) & outside
     return found
 
 
@@ -142,10 +220,12 @@ def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
     rng = np.random.default_rng(0)
     for number, one in enumerate(sightings):
         albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
-        cosines, ranges = one.returns.T
-        if len(ranges):
-            shares = detection_probability(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1)
-            found[:, number] = rng.binomial(len(ranges), np.interp(np.log(albedos), shades, shares))
+        for model, returns in enumerate(one.returns):
+            cosines, ranges, factors = returns.T
+            if len(ranges):
+                mine = slice(model, None, MODELS)
+                shares = detection_probability(np.exp(shades)[:, None] * factors, cosines, ranges, reach).mean(axis=1)
+                found[mine, number] = rng.binomial(len(ranges), np.interp(np.log(albedos[mine]), shades, shares))
     return found
 
 
@@ -188,7 +268,7 @@ def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
             real, made, names = reals[mine], simulated[:, mine], [sightings[i].identity for i in mine]
             of_both = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, made)]
             shown = " | ".join(", ".join(f"{q:.0f}" for q in each) for each in of_both)
-            without = np.median([len(sightings[i].returns) for i in mine])
+            without = np.median([sightings[i].n_without_dropout for i in mine])
             ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (of_both[1][0], without))
             trust, far = "-", "-"
             if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
@@ -218,7 +298,7 @@ def listed(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
         "| | metres | real | simulated | 5 to 95 % | without dropout |",
         "| --- | ---: | ---: | ---: | ---: | ---: |",
         *(
-            f"| {o.category} | {o.distance:.0f} | {o.real} | {m:.0f} | {a:.0f}..{b:.0f} | {len(o.returns)} |"
+            f"| {o.category} | {o.distance:.0f} | {o.real} | {m:.0f} | {a:.0f}..{b:.0f} | {o.n_without_dropout:.0f} |"
             for o, m, a, b in sorted(zip(sightings, middle, low, high, strict=True), key=lambda row: row[0].distance)
         ),
         "",
