@@ -23,7 +23,7 @@ import figures
 from common import ROOT, run
 from parts import COMMAND, DATA, OUT, PARTS, PYTHON, Part
 
-from zbuf_occlude.compare.run import machine
+from zbuf_occlude.studies.compare.run import machine
 
 
 def main(*names: str, cheap: bool = False, pages: bool = False) -> int:

@@ -27,9 +27,10 @@ import trimesh
 from common import Open3D, heads, in_turns, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh, SurfacePoints, shapes
-from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude import Mesh, SurfacePoints
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility import find_method
 
 Ask = Callable[[FloatArray], BoolArray]

@@ -37,7 +37,7 @@ from common import DATA, SHORT_OF, Open3D, heads, row, run
 from matplotlib.colors import TwoSlopeNorm
 
 import zbuf_occlude as zo
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.drawing.pictures import canvas
 
 MOST_PAIRS = 2_000_000

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", ROOT.parent / "shared" / "data"))

@@ -5,7 +5,7 @@
 For the built-in shapes and the meshes of folders, and for each the same as surfaces of voxels: how much of the surface
 is level or upright (within 10 degrees), and the areas of Fig. 12 that the visible part projects, in percent of an
 object's own largest over all elevations, means over the objects (`visible_areas` of
-`zbuf_occlude.paper.experiments`).
+`zbuf_occlude.studies.paper.experiments`).
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from common import heads, row, run
 
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.presets import two_hundred
+from zbuf_occlude.datasets.presets import two_hundred
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.experiments import as_voxels, visible_areas
+from zbuf_occlude.studies.paper.experiments import as_voxels, visible_areas
 
 NEAR = np.sin(np.radians(10.0))
 

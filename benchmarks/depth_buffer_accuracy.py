@@ -14,8 +14,9 @@ import numpy as np
 from common import DATA, heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh, shapes
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude import Mesh
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
 
 FILES = ("chair/train/chair_0003", "bed/train/bed_0001", "stool/train/stool_0002", "bathtub/train/bathtub_0002")
 TINY = 45_000

@@ -32,11 +32,11 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zbuf_occlude.compare.scan_comparison import DEPTH_UNIT
-from zbuf_occlude.compare.scan_files import read_scan_file
-from zbuf_occlude.errors import OccludeError
+from zbuf_occlude.base.errors import OccludeError
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.sensor import Sensor
+from zbuf_occlude.studies.compare.scan_comparison import DEPTH_UNIT
+from zbuf_occlude.studies.compare.scan_files import read_scan_file
 
 ARGOVERSE_MOUNTS = ((1.35, 0.0, 1.64, (1.0, 0.0, 0.0, 0.0)), (1.35, 0.0, 1.53, (0.0, 1.0, 0.0, 0.0)))
 """x, y, z and quaternion (w first) of its two VLP-32C, one upside down; where a log has no calibration of its own."""

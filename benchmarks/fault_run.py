@@ -34,8 +34,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
-from zbuf_occlude.dataset.folder import MANIFEST, PLAN, SHARDS, read_plan
-from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.datasets.folder import MANIFEST, PLAN, SHARDS, read_plan
+from zbuf_occlude.datasets.formats import FORMATS
 
 ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "--set", "resolution=128"]
 """Of generate, when none are given: 60,000 small clouds of the built-in shapes."""

@@ -19,9 +19,9 @@ import warp as wp
 from common import run
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.torch.tensors import TensorMesh
-from zbuf_occlude.shapes import solids
+from zbuf_occlude.datasets.torch.tensors import TensorMesh
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import solids
 from zbuf_occlude.visibility.interface import CONTACT
 
 Vectors = wp.array(dtype=wp.vec3)

@@ -15,8 +15,8 @@ import numpy as np
 from common import DATA, heads, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude.compare.scan_comparison import compare_scans
 from zbuf_occlude.sensors import look_at
+from zbuf_occlude.studies.compare.scan_comparison import compare_scans
 
 CHOSEN_ON = ("bun000", "bun090", "bun270", "top3", "chin")
 TOLD_ON = ("bun045", "bun180", "top2", "bun315", "ear_back")

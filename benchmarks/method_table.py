@@ -13,8 +13,8 @@ from pathlib import Path
 from common import row
 
 from zbuf_occlude.cli.shell import SOME_FAILED
-from zbuf_occlude.compare.metrics import Ranking, rank_subjects
-from zbuf_occlude.compare.run import ComparisonFolder
+from zbuf_occlude.studies.compare.metrics import Ranking, rank_subjects
+from zbuf_occlude.studies.compare.run import ComparisonFolder
 
 RESOLUTIONS = (256, 512, 1024)
 PLAIN, WITNESS = "depth_buffer:resolution={},refine=none", "depth_buffer:resolution={}"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from common import run
 
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.limits import Limits
-from zbuf_occlude.workers import local
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.workers import local
+from zbuf_occlude.meshes import shapes
 
 WHOLE = 246_220
 

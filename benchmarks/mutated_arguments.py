@@ -217,8 +217,8 @@ TEXT_KINDS: dict[str, Callable[[str], bool]] = {
 def calls_of_python(folder: Path) -> list[Call]:
     """Return the calls of the API."""
     import zbuf_occlude as zo
-    from zbuf_occlude.scenes import Placed
     from zbuf_occlude.sensors import Motion, look_at, make
+    from zbuf_occlude.sensors.scenes import Placed
     from zbuf_occlude.views import for_mesh, from_angles, parse
 
     path = folder / "cube.off"
@@ -317,7 +317,7 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("Mesh.transformed", cube.transformed, {"scale": 2.0}, {"scale": "number", "translation": "vector"}),
     ]  # fmt: skip
     with contextlib.suppress(ImportError):
-        from zbuf_occlude.dataset.torch.on_the_fly import OnTheFlyOcclusion, OnTheFlyScan
+        from zbuf_occlude.datasets.torch.on_the_fly import OnTheFlyOcclusion, OnTheFlyScan
 
         calls += [
             Call("OnTheFlyScan", OnTheFlyScan, {},
@@ -369,7 +369,7 @@ def traced(error: Exception) -> str:
 
 def tried(call: Call, name: str, value: Any, fits: Callable[[Any], bool]) -> str:
     """Call with one argument replaced, and say what came of it."""
-    from zbuf_occlude.errors import OccludeError
+    from zbuf_occlude.base.errors import OccludeError
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)

@@ -374,7 +374,7 @@ def revalued(document: dict[str, Any], rng: Random) -> None:
 
 def read_files(connection: Connection, paths: list[Path], sound: dict[str, list[bytes]]) -> None:
     """In a child: say of each file what came of it."""
-    from zbuf_occlude.errors import OccludeError
+    from zbuf_occlude.base.errors import OccludeError
 
     with tempfile.TemporaryDirectory() as name:  # compile, or load what is compiled, before anything is measured
         for kind, files in sound.items():
@@ -410,8 +410,8 @@ def used(path: Path) -> str:
     """Read a file and use what it holds."""
     import zbuf_occlude as zo
     from zbuf_occlude.meshes.collection import MeshCollection
-    from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.scenes.contents import placed_of, read_scene
+    from zbuf_occlude.sensors.scenes import Scene
+    from zbuf_occlude.sensors.scenes.contents import placed_of, read_scene
 
     if path.stem == "mesh":
         corners = zo.load_mesh(path, up="z").corners

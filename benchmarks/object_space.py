@@ -20,9 +20,9 @@ import numpy as np
 from common import heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude.jit.threads import use_threads
+from zbuf_occlude.base.jit.threads import use_threads
 from zbuf_occlude.meshes.load import load_mesh
-from zbuf_occlude.shapes import benchmark_mesh
+from zbuf_occlude.meshes.shapes import benchmark_mesh
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 EYES = zo.views.paper100().eyes[::20]

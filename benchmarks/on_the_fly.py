@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from common import run
 
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
+from zbuf_occlude.base.jit.threads import use_threads
+from zbuf_occlude.datasets.torch import OnTheFlyOcclusion
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.threads import use_threads
+from zbuf_occlude.meshes import shapes
 
 
 class Occluded(torch.utils.data.Dataset):

@@ -11,7 +11,7 @@ import numpy as np
 from common import heads, rates, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 VARIANTS = (("touching cells", 1, 1), ("touching, and an unbroken run to 3 cells", 1, 3))
 VARIANTS += (("all within 2 cells, a run to 4", 2, 4), ("all within 3 cells", 3, 3))

@@ -25,16 +25,16 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.drawing.marks import project_to_picture
 from zbuf_occlude.drawing.pictures import canvas, draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.contents import Pool, surroundings
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors.setup import ScanConfig
 
 BLUE, ORANGE, GREEN, GREY = "#0b66b0", "#d55e00", "#009e73", "#8a929c"

@@ -29,15 +29,15 @@ from common import run
 from drive_logs import SLACK, Box, DriveSweep, Log, points_of, read_log, within
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.errors import OccludeError
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
-from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
+from zbuf_occlude.base.errors import OccludeError
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes.road_users import RIDDEN_FROM
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.noise import detection_probability
 from zbuf_occlude.sensors.returns import Scan
-from zbuf_occlude.shapes.road_users import RIDDEN_FROM
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.kinds import box_mesh, pole_mesh
+from zbuf_occlude.sensors.scenes.scene import ALBEDOS, draw_albedos
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),

@@ -18,7 +18,7 @@ from common import run
 import zbuf_occlude as zo
 from tests.rational import sees
 from zbuf_occlude.meshes.load import load_mesh
-from zbuf_occlude.visibility import oracle
+from zbuf_occlude.visibility.methods import oracle
 
 MOST_DISPUTES = 300
 """This many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""

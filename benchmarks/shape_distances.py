@@ -14,7 +14,8 @@ import numpy as np
 from common import heads, row, run
 from scipy.spatial import cKDTree
 
-from zbuf_occlude import Mesh, sample_surface, shapes
+from zbuf_occlude import Mesh, sample_surface
+from zbuf_occlude.meshes import shapes
 
 DENSER = 64
 

@@ -32,14 +32,14 @@ from common import heads, row, run
 from tqdm import tqdm
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.generate import GenerateTask, generate
-from zbuf_occlude.dataset.packed import archive_name
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.limits import Limits, resident_gigabytes
+from zbuf_occlude.base.limits import Limits, resident_gigabytes
+from zbuf_occlude.datasets.generate import GenerateTask, generate
+from zbuf_occlude.datasets.packed import archive_name
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.workers import local, run_here
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.workers import local, run_here
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05

@@ -12,7 +12,7 @@ import numpy as np
 from common import run
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 N_EYES, N_POINTS, N_AGAIN = 5, 200_000, 20_000
 

@@ -16,9 +16,9 @@ import numpy as np
 from common import DATA, row, run
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
-from zbuf_occlude.errors import OccludeError
-from zbuf_occlude.shapes import solids
+from zbuf_occlude.base.errors import OccludeError
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import solids
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.solids import uv_sphere

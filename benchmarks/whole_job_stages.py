@@ -16,13 +16,13 @@ from typing import Any
 STAGES = (
     ("load", "zbuf_occlude.meshes.load:load_mesh"),
     ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
-    ("sample", "zbuf_occlude.dataset.pipeline:sample"),
+    ("sample", "zbuf_occlude.datasets.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),
     ("ask", "zbuf_occlude.visibility.interface:VisibilityQuery.visible"),
-    ("check", "zbuf_occlude.dataset.pipeline:check"),
-    ("gather", "zbuf_occlude.dataset.shard:RecordShard.keep"),
-    ("write", "zbuf_occlude.dataset.shard:RecordShard.write"),
-    ("finish", "zbuf_occlude.dataset.generate:finish"),
+    ("check", "zbuf_occlude.datasets.pipeline:check"),
+    ("gather", "zbuf_occlude.datasets.shard:RecordShard.keep"),
+    ("write", "zbuf_occlude.datasets.shard:RecordShard.write"),
+    ("finish", "zbuf_occlude.datasets.generate:finish"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 
@@ -86,8 +86,8 @@ def main() -> None:
     report, out, recipe_given, *meshes = sys.argv[1:]
     clock = Clock()
     from zbuf_occlude.cli.generate import smoke_test  # what the command imports
-    from zbuf_occlude.dataset.generate import generate
-    from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+    from zbuf_occlude.datasets.generate import generate
+    from zbuf_occlude.datasets.plan import DatasetConfig, Plan
     from zbuf_occlude.meshes.collection import MeshCollection
 
     recipe = DatasetConfig(**json.loads(recipe_given))

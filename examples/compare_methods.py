@@ -7,7 +7,7 @@ import sys
 import time
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 mesh = zo.load_mesh(sys.argv[1]) if len(sys.argv) > 1 else shapes.make("table", 3)
 points = zo.sample_surface(mesh, n_points=2_000, seed=0)

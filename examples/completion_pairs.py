@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 N_PARTIAL, N_COMPLETE = 1024, 4096
 meshes = [zo.load_mesh(path) for path in sys.argv[1:]] or [shapes.make(label, 0) for label in shapes.CLASSES]

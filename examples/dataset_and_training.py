@@ -13,7 +13,7 @@ except ImportError:
     raise SystemExit("this example needs PyTorch: pip install 'zbuf-occlude[learn]'") from None
 from torch.utils.data import DataLoader
 
-from zbuf_occlude.dataset.torch import CloudDataset, augmentation
+from zbuf_occlude.datasets.torch import CloudDataset, augmentation
 
 meshes = sys.argv[1:] or ["--limit", "200"]
 generate = [sys.executable, "-m", "zbuf_occlude", "generate", *meshes, "--views", "ring:6@20", "--method", "exact"]

@@ -12,8 +12,8 @@ except ImportError:
     raise SystemExit("this example needs PyTorch: pip install 'zbuf-occlude[learn]'") from None
 from torch.utils.data import DataLoader, Dataset
 
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
+from zbuf_occlude.datasets.torch import OnTheFlyOcclusion
+from zbuf_occlude.meshes import shapes
 
 
 class Shapes(Dataset):

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
 from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
+from zbuf_occlude.meshes import shapes
 
 mesh = zo.load_mesh(sys.argv[1]) if len(sys.argv) > 1 else shapes.make("chair", 0)
 mesh = mesh.normalized()  # longest side 1, centred

@@ -8,7 +8,7 @@ wherever winding is inconsistent; the last lines say how often. To make it a row
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 

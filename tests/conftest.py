@@ -18,8 +18,8 @@ from hypothesis import settings
 from tests import skips
 from tests.compiling import one_at_a_time
 from tests.needs import lacking, need
-from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
-from zbuf_occlude.provenance import n_cores
+from zbuf_occlude.base.provenance import n_cores
+from zbuf_occlude.engines.gl.context import ENVIRONMENT, GlContext
 
 GL = pytest.StashKey[GlContext]()
 
@@ -40,15 +40,15 @@ settings.load_profile("unhurried")
 
 
 FIRST = (
-    "visibility/test_contract.py", "paper/test_study.py", "workers/test_local.py", "learn/test_training.py",
-    "net/test_datasets.py", "dataset/test_generate.py", "visibility/test_pyrender.py", "visibility/test_exact_gl.py",
-    "visibility/test_gl_threads.py", "cli/test_scans_in_pairs.py", "sensors/test_scenes.py",
-    "examples/test_examples.py",
-    "paper/test_figures.py", "compare/test_comparison_report.py", "dataset/torch/test_occlusion.py",
-    "jit/test_compiler.py", "visibility/test_first_hits.py", "paper/test_realism.py", "test_extras.py",
-    "cli/test_meshes_put_back.py", "learn/test_networks.py", "visibility/test_depth_buffer.py",
-    "dataset/test_export.py", "visibility/test_other_renderers.py", "cli/test_experiment.py",
-    "dataset/test_attributes.py",
+    "visibility/test_contract.py", "studies/paper/test_study.py", "datasets/workers/test_local.py",
+    "studies/learn/test_training.py", "net/test_datasets.py", "datasets/test_generate.py",
+    "visibility/test_pyrender.py", "visibility/test_exact_gl.py", "visibility/test_gl_threads.py",
+    "cli/test_scans_in_pairs.py", "sensors/test_scenes.py", "examples/test_examples.py",
+    "studies/paper/test_figures.py", "studies/compare/test_comparison_report.py", "datasets/torch/test_occlusion.py",
+    "base/jit/test_compiler.py", "visibility/test_first_hits.py", "studies/paper/test_realism.py",
+    "base/test_extras.py", "cli/test_meshes_put_back.py", "studies/learn/test_networks.py",
+    "visibility/test_depth_buffer.py", "datasets/test_export.py", "visibility/test_other_renderers.py",
+    "cli/test_experiment.py", "datasets/test_attributes.py",
 )  # fmt: skip
 """Files whose tests wait, or work for more than some five seconds: begun before the others, so that no process has a
 long one left when the others are done. A file is one process's, as are its fixtures."""
@@ -117,7 +117,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         path.write_bytes(b"")
         return True
 
-    monkeypatch.setattr("zbuf_occlude.dataset.export.write_contact_sheet", write)
+    monkeypatch.setattr("zbuf_occlude.datasets.export.write_contact_sheet", write)
 
 
 @pytest.fixture(scope="session")

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from tests.browser import FLAGS, find_browser
-from zbuf_occlude.extras import EXTRAS
+from zbuf_occlude.base.extras import EXTRAS
 
 PATIENCE = 120.0
 """Seconds after which a thing that is being loaded is taken for broken."""
 
-_OPENS_GL = "from zbuf_occlude.gl.context import GlContext; GlContext.open({!r}).close()"
+_OPENS_GL = "from zbuf_occlude.engines.gl.context import GlContext; GlContext.open({!r}).close()"
 _SHADER = "#version 430\nlayout(local_size_x = 1) in;\nvoid main() {}\n"
 
 DEBIAN = {
@@ -33,7 +33,7 @@ PROGRAMS = {
     "pyrender": "import pyrender; pyrender.OffscreenRenderer(8, 8).delete()",
     "egl": _OPENS_GL.format("egl"),
     "osmesa": _OPENS_GL.format("osmesa"),
-    "zink": "from zbuf_occlude.gl.context import GlContext; assert 'zink' in GlContext.open('egl').renderer",
+    "zink": "from zbuf_occlude.engines.gl.context import GlContext; assert 'zink' in GlContext.open('egl').renderer",
 }
 """What is run to load a thing; a Python package that is not named here is imported."""
 

@@ -12,12 +12,13 @@ import numpy as np
 
 import zbuf_occlude as zo
 from tests.rational import first_hit, sees
-from zbuf_occlude import Mesh, SurfacePoints, sample_surface, shapes
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude import Mesh, SurfacePoints, sample_surface
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import refined, solids
 from zbuf_occlude.sensors import Sensor, look_at
-from zbuf_occlude.shapes import refined, solids
 from zbuf_occlude.visibility.interface import CONTACT, VisibilityQuery
-from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle
 
 FARTHEST = 12.0
 """Power of ten of the farthest eyes and points, in diagonals of the mesh."""

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.geometry.mesh import Mesh
 
 Exact = Sequence[int | Fraction]

@@ -95,14 +95,14 @@ def needles(n_faces: int, seed: int = 0) -> zo.Mesh:
 
 def wrong(mesh: zo.Mesh, answer: np.ndarray, points: zo.SurfacePoints, eyes: np.ndarray) -> int:
     """Count the pairs on which an answer differs from the oracle's."""
-    from zbuf_occlude.visibility import oracle
+    from zbuf_occlude.visibility.methods import oracle
 
     return int((answer != oracle.prepare(mesh).visible(points, eyes)).sum())
 
 
 def wrong_outside_band(mesh: zo.Mesh, answer: np.ndarray, points: zo.SurfacePoints, eyes: np.ndarray) -> int:
     """Count the pairs on which an answer differs from the oracle's though that is decided."""
-    from zbuf_occlude.visibility import oracle
+    from zbuf_occlude.visibility.methods import oracle
 
     judge = oracle.prepare(mesh)
     differs = answer != judge.visible(points, eyes)

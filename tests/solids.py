@@ -3,7 +3,7 @@
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude.shapes.kit import MeshPart, ellipsoid, join, quad_grid
+from zbuf_occlude.meshes.shapes.kit import MeshPart, ellipsoid, join, quad_grid
 
 
 def uv_sphere(segments: int = 48, radius: float = 1.0) -> zo.Mesh:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.kinds import box_mesh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

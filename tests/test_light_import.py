@@ -120,7 +120,7 @@ def test_a_command_that_draws_says_what_it_needs(tmp_path: Path) -> None:
 
 
 def test_this_test_can_fail() -> None:
-    assert "moderngl" in heavy_after("import zbuf_occlude, zbuf_occlude.gl.context")
+    assert "moderngl" in heavy_after("import zbuf_occlude, zbuf_occlude.engines.gl.context")
 
 
 @pytest.mark.parametrize("program", ["import zbuf_occlude", LIST_METHODS, SAMPLE])

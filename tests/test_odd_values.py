@@ -12,9 +12,9 @@ import pytest
 from trimesh.creation import box
 
 import zbuf_occlude as zo
-from zbuf_occlude.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
-from zbuf_occlude.limits import Limits
-from zbuf_occlude.scenes import Placed
+from zbuf_occlude.base.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.sensors.scenes import Placed
 from zbuf_occlude.sensors.setup import ScanConfig
 
 CUBE = zo.Mesh.from_trimesh(box())

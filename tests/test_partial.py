@@ -16,8 +16,8 @@ import trimesh
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, together, two_plates
-from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_pass import render_depth
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.engines.gl.depth_pass import render_depth
 from zbuf_occlude.meshes.load import load_cloud
 
 PLATES = two_plates()
@@ -347,12 +347,12 @@ def test_without_torch_one_line_says_what_it_needs() -> None:
     program = (
         "import sys; sys.modules['torch'] = None\nimport importlib.util\nfind = importlib.util.find_spec\n"
         "importlib.util.find_spec = lambda name, *more: None if name == 'torch' else find(name, *more)\n"
-        "try:\n    from zbuf_occlude.dataset.torch import CloudDataset\n"
+        "try:\n    from zbuf_occlude.datasets.torch import CloudDataset\n"
         "except Exception as error:\n    print(type(error).__name__, error)"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert said.startswith(
-        "UnavailableError zbuf_occlude.dataset.torch needs the package torch; install it: pip install"
+        "UnavailableError zbuf_occlude.datasets.torch needs the package torch; install it: pip install"
     )
 
 

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-import zbuf_occlude.dataset.formats as formats
+import zbuf_occlude.datasets.formats as formats
 import zbuf_occlude.views.positions as specs
 import zbuf_occlude.visibility as visibility
 from tests.scenes import box
 from zbuf_occlude import Mesh
-from zbuf_occlude.dataset.atomic import FileDigest, write_data
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.formats import Format
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.dataset.source import CloudReader, kept, open_dataset, source_of_files
+from zbuf_occlude.base.atomic import FileDigest, write_data
+from zbuf_occlude.datasets.export import Exported
+from zbuf_occlude.datasets.formats import Format
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.source import CloudReader, kept, open_dataset, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.catalog import SensorRow
@@ -75,10 +75,10 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
         lambda found, distance, seed: Views(np.radians([45.0, 225.0]), np.radians([35.0, -35.0]), np.array(distance)),
     )
     monkeypatch.setattr(specs, "SPECIFICATIONS", (*specs.SPECIFICATIONS, corners))
-    module = ModuleType("zbuf_occlude.dataset.formats.toy")
+    module = ModuleType("zbuf_occlude.datasets.formats.toy")
     module.file_name, module.write, module.read = file_name, write, read  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    layout = ModuleType("zbuf_occlude.dataset.export.lines")
+    layout = ModuleType("zbuf_occlude.datasets.export.lines")
     layout.export = export  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, layout.__name__, layout)
     rows = (Format("toy", "records in .npy files"), Format("lines", "a line for each cloud", "toy"))
@@ -112,8 +112,8 @@ def test_the_page_names_the_files_to_open() -> None:
     for what, names in {
         "a method": ("visibility/", "METHODS"),
         "a view specification": ("views/positions.py", "SPECIFICATIONS"),
-        "a format": ("dataset/formats/", "FORMATS"),
-        "an export": ("dataset/export/", "FORMATS"),
+        "a format": ("datasets/formats/", "FORMATS"),
+        "an export": ("datasets/export/", "FORMATS"),
         "a layout": ("meshes/layouts", "LAYOUTS"),
     }.items():
         paragraph = re.search(rf"\*\*To add {what}\*\*[^*]*", page)

@@ -3,7 +3,7 @@
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
 
 N_EYES = 20
 """Eyes inside a closed mesh."""

@@ -11,14 +11,13 @@ Importing this package opens no GPU and imports no dependency: each name is load
 import importlib
 import typing
 
-from zbuf_occlude import interrupts
+from zbuf_occlude.base import interrupts
 
 interrupts.end_quietly()
 
 if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is first used
-    from zbuf_occlude import scenes, sensors, views
-    from zbuf_occlude.compare.scan_comparison import compare_scans
-    from zbuf_occlude.errors import (
+    from zbuf_occlude import sensors, views
+    from zbuf_occlude.base.errors import (
         ArgumentError,
         DatasetError,
         GlError,
@@ -28,16 +27,18 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
         UnavailableError,
     )
     from zbuf_occlude.geometry.mesh import Mesh
-    from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.load import load_mesh
+    from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
-    from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.sensors import Frame, frames, scan, write_bop, write_frames
+    from zbuf_occlude.sensors import Frame, frames, scan, scenes, write_bop, write_frames
+    from zbuf_occlude.sensors.scenes import Scene
+    from zbuf_occlude.sensors.scenes.occlusion_graph import occlusion_graph
+    from zbuf_occlude.studies.compare.scan_comparison import compare_scans
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
-    from zbuf_occlude.visible_space import blockers, occlusion_graph, visibility_grid
-    from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
+    from zbuf_occlude.visibility.visible_space import blockers, visibility_grid
+    from zbuf_occlude.visibility.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
 
 __version__ = "0.1.0"
 
@@ -80,7 +81,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "errors": (
+    "base.errors": (
         "ArgumentError",
         "DatasetError",
         "GlError",
@@ -89,31 +90,32 @@ _HOMES = {
         "OptionError",
         "UnavailableError",
     ),
-    "compare.scan_comparison": ("compare_scans",),
+    "studies.compare.scan_comparison": ("compare_scans",),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.load": ("load_mesh",),
     "partial": ("PartialCloud", "depth_image", "occlude"),
-    "geometry.sampling": ("SurfacePoints", "sample_surface"),
-    "scenes": ("Scene",),
-    "sensors": ("Frame", "frames", "scan", "write_bop", "write_frames"),
+    "meshes.sampling": ("SurfacePoints", "sample_surface"),
+    "sensors.scenes": ("Scene",),
+    "sensors.scenes.occlusion_graph": ("occlusion_graph",),
+    "sensors": ("Frame", "frames", "scan", "scenes", "write_bop", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
-    "visible_space": ("blockers", "occlusion_graph", "visibility_grid"),
-    "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
+    "visibility.visible_space": ("blockers", "visibility_grid"),
+    "visibility.visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
 }
-"""Public names by module; modules in `__all__` are not listed."""
+"""Public names by module."""
+_MODULES = {"sensors": "sensors", "torch": "datasets.torch", "views": "views"}
+"""Public modules; `torch` is not in `__all__`, because it needs an extra."""
 
 
 def __getattr__(name: str) -> typing.Any:
     """Load a public name when it is first used."""
-    if name == "torch":  # not in `__all__`, because it needs an extra
-        return importlib.import_module(f"{__name__}.dataset.torch")
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     home = next((module for module, names in _HOMES.items() if name in names), None)
     if home is None:
-        return importlib.import_module(f"{__name__}.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
     globals()[name] = value
     return value

@@ -7,12 +7,12 @@ import sys
 
 import click
 
-from zbuf_occlude import interrupts
+from zbuf_occlude.base import interrupts
+from zbuf_occlude.base.errors import OccludeError, OptionError
+from zbuf_occlude.base.extras import culprit, reason
+from zbuf_occlude.base.limits import memory_allowed
 from zbuf_occlude.cli import group
 from zbuf_occlude.cli.shell import echo, one_line
-from zbuf_occlude.errors import OccludeError, OptionError
-from zbuf_occlude.extras import culprit, reason
-from zbuf_occlude.limits import memory_allowed
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
-from zbuf_occlude.dataset.records import draw
-from zbuf_occlude.errors import ArgumentError, MeshError, check_choice, check_int
+from zbuf_occlude.base.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
+from zbuf_occlude.base.errors import ArgumentError, MeshError, check_choice, check_int
+from zbuf_occlude.base.provenance import generator
+from zbuf_occlude.datasets.records import draw
 from zbuf_occlude.geometry.camera import field_of_view, picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
-from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
-from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
-from zbuf_occlude.provenance import generator
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
+from zbuf_occlude.meshes.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles

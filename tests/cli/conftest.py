@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from zbuf_occlude.__main__ import main
-from zbuf_occlude.limits import Limits
-from zbuf_occlude.workers import Done, Task, run_here
-from zbuf_occlude.workers.local import run_local
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.datasets.workers import Done, Task, run_here
+from zbuf_occlude.datasets.workers.local import run_local
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +73,9 @@ def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: Non
 
 @pytest.fixture(autouse=True)
 def brief_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limit `--dry-run` to one mesh; tests/dataset/test_estimate.py tests the full estimate."""
-    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.LEAST_MESHES", 1)
-    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 0.0)
+    """Limit `--dry-run` to one mesh; tests/datasets/test_estimate.py tests the full estimate."""
+    monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.LEAST_MESHES", 1)
+    monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.SECONDS", 0.0)
 
 
 def write_off(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS
-from zbuf_occlude.gl.probe import Probe
+from zbuf_occlude.engines.gl.probe import Probe
 from zbuf_occlude.sensors import SENSORS
 
 
@@ -66,7 +66,7 @@ def test_doctor_judges_the_backend_that_is_taken(
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: probes)
     monkeypatch.setattr(
         "zbuf_occlude.cli.lists.reason_missing", lambda method: ""
-    )  # tests/test_extras.py tries packages
+    )  # tests/base/test_extras.py tries packages
     monkeypatch.setenv("ZBUF_OCCLUDE_GL", named)
     outcome = run("doctor")  # exact can run, whatever OpenGL does
     assert "OpenGL backends" in outcome.out

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
-from zbuf_occlude.paper.tables import CASES
+from zbuf_occlude.studies.paper.tables import CASES
 
 QUICK = "--points 200 --seconds 0.3 --views ring:3@30 --method oracle --method"
 

@@ -9,8 +9,8 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import Run
 from tests.scenes import DATA
-from zbuf_occlude.compare.scan_comparison import NOT_SEEN
 from zbuf_occlude.sensors import look_at, make
+from zbuf_occlude.studies.compare.scan_comparison import NOT_SEEN
 
 pytestmark = pytest.mark.needs("open3d")
 

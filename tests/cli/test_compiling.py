@@ -8,8 +8,8 @@ import pytest
 
 from tests.cli.conftest import Run
 from tests.processes import python
+from zbuf_occlude.base.jit import compiler
 from zbuf_occlude.cli.shell import Compiling
-from zbuf_occlude.jit import compiler
 
 SMALL = "--limit 1 --views ring:1@0 --sample-size 16 --workers 1"
 SAID = "compiling, once"
@@ -28,8 +28,8 @@ def test_the_first_run_says_that_it_compiles(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, job: str
 ) -> None:
     noted: set[str] = set()
-    monkeypatch.setattr("zbuf_occlude.jit.compiler.compiled_before", noted.__contains__)
-    monkeypatch.setattr("zbuf_occlude.jit.compiler.note_compiled", noted.add)
+    monkeypatch.setattr("zbuf_occlude.base.jit.compiler.compiled_before", noted.__contains__)
+    monkeypatch.setattr("zbuf_occlude.base.jit.compiler.note_compiled", noted.add)
     compiler._say_once.cache_clear()
     run(f"generate {job} {SMALL} --out first")
     assert caplog.text.count(SAID) == 1
@@ -62,9 +62,9 @@ def test_a_line_moves_while_functions_are_compiled(monkeypatch: pytest.MonkeyPat
 @pytest.mark.long
 def test_the_number_of_functions_is_about_right(tmp_path: Path) -> None:
     program = (
-        "from zbuf_occlude.dataset.plan import DatasetConfig\n"
-        "from zbuf_occlude.dataset.rehearsal import warm_up_jit, n_functions\n"
-        "from zbuf_occlude.jit.compiler import on_compiled\n"
+        "from zbuf_occlude.datasets.plan import DatasetConfig\n"
+        "from zbuf_occlude.datasets.rehearsal import warm_up_jit, n_functions\n"
+        "from zbuf_occlude.base.jit.compiler import on_compiled\n"
         "heard = []\non_compiled(lambda: heard.append(1))\n"
         "warm_up_jit(DatasetConfig('exact'))\nprint(len(heard), n_functions(DatasetConfig('exact')))"
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.dataset.source import open_dataset
+from zbuf_occlude.datasets.source import open_dataset
 
 SMALL = "--method oracle --views ring:4@30 --points 300 --sample-size 32 --workers 1"
 
@@ -123,7 +123,7 @@ def test_a_conversion_that_was_killed_resumes(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("zbuf_occlude.dataset.export.write_names", interrupt)
+        patched.setattr("zbuf_occlude.datasets.export.write_names", interrupt)
         run(f"convert a --format npz --out {out}", code=130)
     written = {path: path.stat().st_mtime_ns for path in out.glob("*.npz")}
     assert len(written) == 2

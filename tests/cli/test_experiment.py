@@ -7,23 +7,23 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from tests.paper.hand_made import TINY
-from zbuf_occlude import Mesh, shapes
-from zbuf_occlude.dataset.presets import two_hundred
-from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes import MeshCollection
+from tests.studies.paper.hand_made import TINY
+from zbuf_occlude import Mesh
+from zbuf_occlude.base.errors import MeshError
+from zbuf_occlude.datasets.presets import two_hundred
+from zbuf_occlude.meshes import MeshCollection, shapes
 
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make `--quick` quicker: light networks in this process; tests/paper/test_study.py uses processes."""
+    """Make `--quick` quicker: light networks in this process; tests/studies/paper/test_study.py uses processes."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
-    from tests.paper.light import put_in_place
+    from tests.studies.paper.light import put_in_place
 
     put_in_place(monkeypatch)
-    monkeypatch.setattr("zbuf_occlude.paper.study.n_cores", lambda: 1)
+    monkeypatch.setattr("zbuf_occlude.studies.paper.study.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.paper.experiments.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.studies.paper.experiments.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
@@ -62,7 +62,7 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
 ) -> None:
     first = two_hundred(shapes.collection())[0]
     monkeypatch.setattr(
-        "zbuf_occlude.paper.study.find_objects",
+        "zbuf_occlude.studies.paper.study.find_objects",
         lambda *_, **__: MeshCollection(
             [replace(entry, load=fail) if entry.key == first.key else entry for entry in shapes.collection()]
         ),

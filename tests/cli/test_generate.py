@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude import load_mesh, prepare
-from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.meshes.sampling import SurfacePoints
 
 SMALL = "--method oracle --views ring:4@30 --points 600 --sample-size 64 --workers 1"
 
@@ -142,7 +142,7 @@ def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, mode
 def test_shares_made_one_by_one_are_the_same_dataset(
     run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.FEWEST_PER_SHARD", 8)  # two meshes a shard
+    monkeypatch.setattr("zbuf_occlude.datasets.plan.FEWEST_PER_SHARD", 8)  # two meshes a shard
     line = f"generate {modelnet} {SMALL}"
     run(f"{line} --out whole")
     first = run(f"{line} --out parts --shard 0/2")
@@ -167,7 +167,7 @@ def test_shares_made_one_by_one_are_the_same_dataset(
 
 
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 60.0)
+    monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.SECONDS", 60.0)
     outcome = run(f"generate {modelnet} --out out {SMALL} --dry-run")
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
     assert re.search(r"give or take .*: 8 meshes made here took \S+ s each\n", outcome.out)

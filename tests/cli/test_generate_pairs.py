@@ -10,7 +10,7 @@ import trimesh
 
 from tests.cli.conftest import Run
 from tests.pcd import read_pcd
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 SCANS = (
     "--sensor pinhole:width=40,height=30,fov=60 --method embree --limit 2 --range 4 --size airplane=2,bed=3 "
@@ -76,7 +76,7 @@ def test_halves_and_a_damaged_one_are_the_whole(
     run: Run, pcn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each object a shard: one is made, then damaged, then the other; the rest is made again."""
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.FEWEST_PER_SHARD", 8)
+    monkeypatch.setattr("zbuf_occlude.datasets.plan.FEWEST_PER_SHARD", 8)
     run(f"generate {SCANS} --out halves --shard 0/2")
     archive = tmp_path / "halves" / "shards" / "packed-000000.zip"
     archive.write_bytes(archive.read_bytes()[:-10])

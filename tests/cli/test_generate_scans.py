@@ -9,9 +9,9 @@ import pytest
 
 from tests.browser import open_page
 from tests.cli.conftest import Run
-from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.gallery import RAINBOW
+from zbuf_occlude.datasets.folder import read_finished
+from zbuf_occlude.datasets.formats import find_format
+from zbuf_occlude.datasets.gallery import RAINBOW
 
 GIVEN = "--sensor vlp-32c --range 6..12 --views ring:2@0 --method embree --limit 2 --size airplane=5 --sample-size 64"
 STREET = "--scene street --hidden 0.2..0.4 --keep all --scale mesh --keep-clean"

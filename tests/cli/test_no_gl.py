@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.gl import devices
-from zbuf_occlude.gl.probe import Probe
-from zbuf_occlude.shapes import solids
+from zbuf_occlude.engines.gl import devices
+from zbuf_occlude.engines.gl.probe import Probe
+from zbuf_occlude.meshes.shapes import solids
 
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 WHY = "no OpenGL context opens here"
@@ -33,8 +33,8 @@ def without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide all libraries of OpenGL from this process."""
     monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
     monkeypatch.delenv("GLCONTEXT_DEVICE_INDEX", raising=False)
-    monkeypatch.setattr("zbuf_occlude.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
-    monkeypatch.setattr("zbuf_occlude.gl.osmesa._SONAMES", ("libOSMesa_is_not_here.so",))
+    monkeypatch.setattr("zbuf_occlude.engines.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
+    monkeypatch.setattr("zbuf_occlude.engines.gl.osmesa._SONAMES", ("libOSMesa_is_not_here.so",))
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def test_who_names_the_depth_buffer_or_a_gpu_is_refused(run: Run, named: str, me
 
 @pytest.mark.usefixtures("without_gl")
 def test_on_the_fly_clouds_need_no_opengl() -> None:
-    torch_dataset = pytest.importorskip("zbuf_occlude.dataset.torch", reason="PyTorch is not installed")
+    torch_dataset = pytest.importorskip("zbuf_occlude.datasets.torch", reason="PyTorch is not installed")
     occlude = torch_dataset.OnTheFlyOcclusion(64)
     assert occlude.method == "exact"
     assert occlude(solids.icosphere(1)).shape == (64, 3)

@@ -12,10 +12,10 @@ import pytest
 import trimesh
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.errors import GlError
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.errors import GlError
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes import MeshCollection
 
 SMALL = "--method oracle --views ring:2@30 --points 50 --sample-size 8 --workers 1"
@@ -33,7 +33,7 @@ def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monk
     def refuse(*_: object, **__: object) -> None:
         raise GlError("no driver here.")
 
-    monkeypatch.setattr("zbuf_occlude.gl.context.GlContext.open", refuse)
+    monkeypatch.setattr("zbuf_occlude.engines.gl.context.GlContext.open", refuse)
     outcome = run(f"generate {tetrahedron} --method depth_buffer --dry-run")
     assert "1 mesh x 25 views" in outcome.out
     assert outcome.out.endswith("\nnot on this machine: no driver here.\n")
@@ -153,7 +153,7 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
 ) -> None:
     corners = np.random.default_rng(0).uniform(size=(900, 3))  # far more area than its longest side says
     write_off(tetrahedron.parent / "soup_1.off", corners, np.arange(900).reshape(300, 3))
-    monkeypatch.setattr("zbuf_occlude.geometry.sampling.MAX_POINTS", 2_000)
+    monkeypatch.setattr("zbuf_occlude.meshes.sampling.MAX_POINTS", 2_000)
     recipe = DatasetConfig("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
     document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), recipe), tmp_path / "out")
     assert document["counts"]["clouds"] == 1

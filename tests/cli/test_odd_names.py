@@ -12,8 +12,8 @@ import pytest
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box
 from zbuf_occlude import cli
+from zbuf_occlude.base.errors import escape_control
 from zbuf_occlude.drawing.pages import Table, marked_up, verbatim
-from zbuf_occlude.errors import escape_control
 
 OFF = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
 CLASSES = (b"<img src=x onerror=alert(1)>", b"a|b\x1b[31m\xff")

@@ -6,7 +6,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude.cli.messages import MOST_ROWS, overview
-from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"

@@ -9,8 +9,8 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.source import open_dataset
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.engines.gl.context import GlContext
 from zbuf_occlude.sensors import scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import from_angles

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude import shapes
+from zbuf_occlude.meshes import shapes
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from tests.cli.conftest import Run
 from tests.cli.test_generate_scans import records_of
 from tests.pcd import read_pcd
-from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.packed import PackedDataset
+from zbuf_occlude.datasets.folder import read_finished
+from zbuf_occlude.datasets.packed import PackedDataset
 
 GIVEN = (
     "--sensor vlp-32c --set-sensor noise=0 --range 6..9 --method embree --limit 2 --size airplane=5 "

@@ -8,9 +8,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run
-from zbuf_occlude import shapes
-from zbuf_occlude.shapes import formulas, traffic
-from zbuf_occlude.shapes.built_in import BUILT_IN
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import formulas, traffic
+from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 
 
 def test_all_are_listed(run: Run) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude import load_mesh
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.errors import MeshError
 
 SMALL = "--method oracle --views ring:2@30 --points 100 --sample-size 8 --workers 1"
 

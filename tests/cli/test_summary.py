@@ -13,7 +13,7 @@ from tests.cli.conftest import Run, write_off
 from tests.scenes import SQUARE, stacked
 from zbuf_occlude.cli.messages import format_error_rates
 from zbuf_occlude.cli.shell import progress_bar
-from zbuf_occlude.dataset.counts import QualityCounts, WorstView
+from zbuf_occlude.datasets.counts import QualityCounts, WorstView
 
 
 def test_counts_add_up_and_keep_the_worst() -> None:

@@ -8,7 +8,7 @@ import pytest
 from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.folder import checksums
+from zbuf_occlude.datasets.folder import checksums
 
 SMALL = "--method oracle --views ring:4@30 --points 600 --sample-size 64 --workers 1"
 
@@ -55,7 +55,7 @@ def test_rounding_is_no_fault_where_faces_are_small(run: Run, tmp_path: Path, mo
     many = "--method exact --views fibonacci:50 --points 3000 --sample-size 1024 --workers 1"
     run(f"generate ball.off --out out {many} --format packed")
     run("convert out --format npz --out again")
-    monkeypatch.setattr("zbuf_occlude.dataset.verify.POINTS_PER_CLOUD", 1024)
+    monkeypatch.setattr("zbuf_occlude.datasets.verify.POINTS_PER_CLOUD", 1024)
     for folder in ("out", "again"):
         assert "points asked of the oracle: 0.000% are hidden" in run(f"verify {folder} ball.off").out
 

@@ -13,8 +13,8 @@ from trimesh.creation import icosphere
 import zbuf_occlude as zo
 from tests.cli.conftest import Run, write_off
 from tests.scenes import HALVES, SQUARE, box
-from zbuf_occlude.dataset.point_files import write_ply
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.base.point_files import write_ply
+from zbuf_occlude.engines.gl.context import GlContext
 from zbuf_occlude.meshes.load import load_cloud
 
 

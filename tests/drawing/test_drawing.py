@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.scenes import SQUARE, stacked
+from zbuf_occlude.base.errors import ArgumentError
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame, project_to_picture
 from zbuf_occlude.drawing.pages import json_for_page, pack_cloud
 from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
-from zbuf_occlude.errors import ArgumentError
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.base.errors import ArgumentError
 from zbuf_occlude.geometry.camera import (
     WIDEST,
     Frusta,

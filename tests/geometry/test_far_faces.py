@@ -11,8 +11,8 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import Run, run, write_off  # noqa: F401
 from tests.scenes import box
-from zbuf_occlude import shapes
 from zbuf_occlude.geometry.far_faces import far_faces
+from zbuf_occlude.meshes import shapes
 
 CHAIR = shapes.make("chair", 3).normalized()
 

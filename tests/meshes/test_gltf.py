@@ -14,7 +14,7 @@ import trimesh
 
 from tests.gltf import Builder, Document, data_uri
 from zbuf_occlude import MeshError, load_mesh
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Polygons

@@ -7,9 +7,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import DATA, box, together
-from zbuf_occlude import shapes
-from zbuf_occlude.geometry.mesh import as_mesh
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.meshes.conversion import as_mesh
 from zbuf_occlude.meshes.stance import Stances, contact, stances, stands_on
 
 SIDES = np.array([0.5, 0.25, 1.0])

@@ -18,14 +18,14 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.dataset.test_export import recipe_for
-from tests.dataset.test_generate import broken, tetrahedron
+from tests.datasets.test_export import recipe_for
+from tests.datasets.test_generate import broken, tetrahedron
 from tests.net.digests import STEP
 from zbuf_occlude import MeshCollection
-from zbuf_occlude.dataset.formats import FORMATS, Format
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import open_dataset
+from zbuf_occlude.datasets.formats import FORMATS, Format
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import Plan
+from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import MeshEntry
 
 STORED = Path(__file__).with_name("exports.json")

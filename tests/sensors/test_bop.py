@@ -16,11 +16,11 @@ from PIL import Image
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.kinds import plate_mesh
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.kinds import plate_mesh
 from zbuf_occlude.sensors.setup import ScanConfig
 
 WIDTH, HEIGHT = 96, 64

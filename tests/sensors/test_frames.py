@@ -10,11 +10,11 @@ import pytest
 import zbuf_occlude as zo
 from tests.needs import need
 from tests.scenes import box, soup, sphere
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.generate import generate
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.scenes import Placed, moved
 from zbuf_occlude.sensors.frames import depth_unit
+from zbuf_occlude.sensors.scenes import Placed, moved
 from zbuf_occlude.sensors.setup import ScanConfig
 
 SMALL = {"width": 64, "height": 48}

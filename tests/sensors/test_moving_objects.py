@@ -5,8 +5,8 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, soup
-from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors import Motion, Scan, make
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 
 ROOM, VAN = Placed(box((60.0, 60.0, 6.0)), "room"), box((1.0, 4.0, 2.0))
 LIDAR = make("vlp-16", noise=0, range_min=0, columns=3600)

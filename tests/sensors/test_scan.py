@@ -9,13 +9,13 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, stacked
-from zbuf_occlude import shapes
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
-from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.scene import TYPICAL_ALBEDO
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors.noise import apply_dropout, detection_probability, quantise
 from zbuf_occlude.sensors.poses import pose_of_camera
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.scene import TYPICAL_ALBEDO
 
 
 def wall(distance: float, half: float = 1.0) -> zo.Mesh:

@@ -12,17 +12,17 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
 from tests.scenes import box
-from zbuf_occlude import shapes
-from zbuf_occlude.dataset.pipeline import scanned_scenes
-from zbuf_occlude.dataset.plan import DatasetConfig, Plan
-from zbuf_occlude.geometry.sampling import sample_surface
+from zbuf_occlude.datasets.pipeline import scanned_scenes
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
-from zbuf_occlude.scenes.contents import BELONGING, Pool, read_scene, surroundings
-from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL_ALBEDO, draw_albedos
-from zbuf_occlude.scenes.sizes import SIZES, Sizes, size_of, sizes_of
+from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
+from zbuf_occlude.sensors.scenes import KINDS, Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.contents import BELONGING, Pool, read_scene, surroundings
+from zbuf_occlude.sensors.scenes.scene import ALBEDOS, TYPICAL_ALBEDO, draw_albedos
+from zbuf_occlude.sensors.scenes.sizes import SIZES, Sizes, size_of, sizes_of
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import ScanConfig, span_of
 from zbuf_occlude.views import Views

@@ -9,8 +9,8 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, soup, stacked
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
-from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 
 PASSING = 0.7
 

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from tests.visibility.witness_twin import witness_test
-from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, shapes, views
-from zbuf_occlude.errors import GlError
+from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
+from zbuf_occlude.base.errors import GlError
+from zbuf_occlude.engines.gl.buffers import Buffers
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.engines.gl.depth_pass import Atlas
+from zbuf_occlude.engines.gl.tiles import single_pictures
 from zbuf_occlude.geometry.camera import Frusta
-from zbuf_occlude.gl.buffers import Buffers
-from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_pass import Atlas
-from zbuf_occlude.gl.tiles import single_pictures
-from zbuf_occlude.visibility import depth_buffer
-from zbuf_occlude.visibility.pyrender import depth_test, window_coordinates
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.visibility.methods import depth_buffer
+from zbuf_occlude.visibility.methods.pyrender import depth_test, window_coordinates
 
 CHAIR = shapes.make("chair", 3).normalized()
 EYES = views.fibonacci(5).eyes

@@ -3,8 +3,8 @@
 import numpy as np
 
 from zbuf_occlude.geometry.camera import Frusta, view_matrices
-from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.visibility.pyrender import depth_slopes, depth_test, window_coordinates
+from zbuf_occlude.meshes.sampling import SurfacePoints
+from zbuf_occlude.visibility.methods.pyrender import depth_slopes, depth_test, window_coordinates
 
 FRUSTUM = Frusta(*(np.float64(bound) for bound in (-0.5, 1.0, -1.0, 0.5, 1.0, 9.0)))
 VIEW = view_matrices([[4.0, 1.0, 2.0]], [0.0, 0.0, 0.0])[0]

@@ -1,4 +1,4 @@
-"""`exact` against the oracle where random scenes (tests/exact) do not go: many slender faces, one plane, far away."""
+"""`exact` against the oracle where tests/engines/exact does not go: many slender faces, one plane, far away."""
 
 import numpy as np
 import pytest

@@ -9,10 +9,10 @@ from hypothesis.extra.numpy import arrays
 import zbuf_occlude as zo
 from tests.random_scenes import KINDS, triangles, wrong_answers
 from tests.scenes import needles, row_in_a_plane, soup, sphere, together
-from zbuf_occlude.gl import exact_pass
-from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, WorkGroup, best_work_group
-from zbuf_occlude.visibility import exact_gl, oracle
+from zbuf_occlude.engines.gl import exact_pass
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.engines.gl.exact_pass import HARDWARE, SOFTWARE, WorkGroup, best_work_group
+from zbuf_occlude.visibility.methods import exact_gl, oracle
 
 
 def eyes_of(mesh: zo.Mesh, points: zo.SurfacePoints) -> np.ndarray:
@@ -197,7 +197,7 @@ def test_the_program_is_linked_once_per_context(gl: GlContext, monkeypatch: pyte
     for size in (3, 4):
         with exact_gl.prepare(sphere(size), gl=gl) as occluder:
             occluder.visible(points, [[3.0, 1.0, 1.0]])
-        monkeypatch.setattr("zbuf_occlude.gl.context.compile_program", None)  # not needed any more
+        monkeypatch.setattr("zbuf_occlude.engines.gl.context.compile_program", None)  # not needed any more
 
 
 def test_dispatches_are_as_long_as_they_should_be(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,10 +11,11 @@ from tests.random_scenes import triangles
 from tests.rational import first_hit, meeting
 from tests.scenes import SQUARE, box, stacked
 from tests.visibility.test_contract import SCENE
-from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.shapes import solids
-from zbuf_occlude.visibility import METHODS, oracle
+from zbuf_occlude.base.errors import UnavailableError
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import FirstHits, Method, VisibilityQuery
+from zbuf_occlude.visibility.methods import oracle
 
 Prepare = Callable[..., VisibilityQuery]
 

@@ -9,9 +9,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.processes import run_program
-from zbuf_occlude import shapes
-from zbuf_occlude.errors import GlError
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.base.errors import GlError
+from zbuf_occlude.engines.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
 
 MESH = shapes.make("chair", 3).normalized()
 POINTS = zo.sample_surface(MESH, n_points=500, seed=1)
@@ -70,7 +70,7 @@ def test_a_thread_s_context_ends_with_it() -> None:
     child = run_program("""
         import os, threading
         from tests.visibility.test_gl_threads import ask
-        from zbuf_occlude.limits import resident_gigabytes
+        from zbuf_occlude.base.limits import resident_gigabytes
         def in_threads(times):
             for _ in range(times):
                 thread = threading.Thread(target=ask, args=["depth_buffer"])
@@ -104,7 +104,7 @@ def test_another_library_may_end_the_display_between_meshes() -> None:
     child = run_program("""
         import ctypes, ctypes.util
         import zbuf_occlude as zo
-        from zbuf_occlude.gl.context import GlContext
+        from zbuf_occlude.engines.gl.context import GlContext
         from tests.visibility.test_gl_threads import EYES, MESH, POINTS, ask
         ask("depth_buffer")
         if GlContext.of_thread().backend == "egl":

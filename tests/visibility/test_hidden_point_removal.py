@@ -8,8 +8,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import sphere, two_plates
-from zbuf_occlude import extras
-from zbuf_occlude.visibility import find_method, oracle
+from zbuf_occlude.base import extras
+from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visibility.methods import oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 

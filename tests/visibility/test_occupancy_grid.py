@@ -5,7 +5,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import SQUARE, box, sphere, stacked, two_plates
-from zbuf_occlude.visibility import oracle
+from zbuf_occlude.visibility.methods import oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 

@@ -9,7 +9,7 @@ import zbuf_occlude as zo
 from tests.rational import sees
 from tests.scenes import box, holed_plate_over_plate, sphere, two_plates
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.visibility import oracle
+from zbuf_occlude.visibility.methods import oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 

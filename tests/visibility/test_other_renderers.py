@@ -9,8 +9,8 @@ SCRIPT = """
     import sys
     import numpy as np
     import zbuf_occlude as zo
-    from zbuf_occlude.gl.context import GlContext
-    from zbuf_occlude import shapes
+    from zbuf_occlude.engines.gl.context import GlContext
+    from zbuf_occlude.meshes import shapes
 
     gl = GlContext.open("egl")
     assert sys.argv[1] in gl.renderer, gl.renderer

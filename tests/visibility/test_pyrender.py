@@ -16,8 +16,8 @@ import zbuf_occlude as zo
 from tests.processes import ended
 from tests.scenes import chair, needs_chair
 from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, view_matrices
-from zbuf_occlude.visibility import oracle, pyrender
-from zbuf_occlude.visibility.pyrender import PyrenderOccluder
+from zbuf_occlude.visibility.methods import oracle, pyrender
+from zbuf_occlude.visibility.methods.pyrender import PyrenderOccluder
 
 pytestmark = pytest.mark.needs("pyrender")
 
@@ -178,7 +178,7 @@ def test_a_missing_library_comes_with_the_command(monkeypatch: pytest.MonkeyPatc
                 raise OSError(name)
             return there(None)
 
-        monkeypatch.setattr("zbuf_occlude.extras.CDLL", load)
+        monkeypatch.setattr("zbuf_occlude.base.extras.CDLL", load)
 
     for lacking, said in (
         (("libEGL.so.1",), r"needs libEGL.so.1 for pyrender; on Debian: apt-get install libegl1 libgl1-mesa-dri$"),

@@ -65,7 +65,7 @@ def test_the_source_compiles_for_cuda_and_contracts_no_product(tmp_path: Path) -
     """No device is needed to compile. A product fused with a sum would let edges that two faces share leak."""
     import warp
 
-    from zbuf_occlude.warp import kernels
+    from zbuf_occlude.engines.warp import kernels
 
     warp.compile_aot_module(kernels, arch=75, module_dir=tmp_path, use_ptx=True)
     (path,) = tmp_path.glob("*.ptx")

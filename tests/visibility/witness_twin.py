@@ -3,13 +3,13 @@
 import numpy as np
 from numba import njit
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.base.jit.vec3 import cross, dot, minus
+from zbuf_occlude.engines.gl.point_pass import MAX_HIDDEN
 from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.point_pass import MAX_HIDDEN
-from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.visibility.pyrender import window_coordinates
+from zbuf_occlude.meshes.sampling import SurfacePoints
+from zbuf_occlude.visibility.methods.pyrender import window_coordinates
 
 
 def votes(

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.base.jit.compiler import on_compiled
 from zbuf_occlude.cli.shell import COMPILING, CommandGroup, check_surroundings
-from zbuf_occlude.jit.compiler import on_compiled
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",

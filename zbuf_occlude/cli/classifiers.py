@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import Command, Name, echo, progress_bar
-from zbuf_occlude.dataset.source import open_dataset
-from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.data import CloudSet, load_clouds
-from zbuf_occlude.learn.models import MODELS, require_torch
+from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import SPLITS
+from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
+from zbuf_occlude.studies.learn.models import MODELS, require_torch
 
 HELD_OUT = 0.1
 """Fraction of the objects held out for validation where a dataset has no split val."""
@@ -61,7 +61,7 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
       zbuf-occlude evaluate pointnet clouds
     """
     require_torch()
-    from zbuf_occlude.learn.training import TrainConfig, hold_out, train  # late: imports PyTorch
+    from zbuf_occlude.studies.learn.training import TrainConfig, hold_out, train  # late: imports PyTorch
 
     config = TrainConfig(**options)
     config.find_device()  # raises before any file is read
@@ -124,8 +124,8 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
       zbuf-occlude evaluate pointnet clouds --split test
     """
     require_torch()
-    from zbuf_occlude.learn.evaluation import evaluate  # late: imports PyTorch
-    from zbuf_occlude.learn.training import load_trained
+    from zbuf_occlude.studies.learn.evaluation import evaluate  # late: imports PyTorch
+    from zbuf_occlude.studies.learn.training import load_trained
 
     trained = load_trained(model, device)
     test = load_split(folders, split)

@@ -8,8 +8,8 @@ import click
 from zbuf_occlude.cli.scan_options import CASTING, parse_sensor, sensor_options, vector
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import Command, Name, echo
-from zbuf_occlude.compare.scan_comparison import compare_scans, format_number, write_scan_report
 from zbuf_occlude.sensors.poses import look_at
+from zbuf_occlude.studies.compare.scan_comparison import compare_scans, format_number, write_scan_report
 
 
 @click.command(cls=Command)

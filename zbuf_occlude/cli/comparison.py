@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.shared_options import (
     AUTO_ELSEWHERE,
@@ -20,13 +21,20 @@ from zbuf_occlude.cli.shared_options import (
     up_option,
 )
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
-from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, mesh_cases, scaling_cases
-from zbuf_occlude.compare.metrics import format_milliseconds, format_percent, rank_subjects, representatives
-from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run
-from zbuf_occlude.dataset.auto import AUTO
-from zbuf_occlude.dataset.plan import DatasetConfig
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.paper.tables import CASES, paper_tables
+from zbuf_occlude.datasets.auto import AUTO
+from zbuf_occlude.datasets.plan import DatasetConfig
+from zbuf_occlude.studies.compare.cases import (
+    MOST_VIEWS,
+    SCALING,
+    Case,
+    Subject,
+    default_subjects,
+    mesh_cases,
+    scaling_cases,
+)
+from zbuf_occlude.studies.compare.metrics import format_milliseconds, format_percent, rank_subjects, representatives
+from zbuf_occlude.studies.compare.run import ROW_SECONDS, ComparisonFolder, run
+from zbuf_occlude.studies.paper.tables import CASES, paper_tables
 from zbuf_occlude.visibility.interface import EYES_INSIDE
 
 BUILT_IN_MESHES = 8
@@ -202,7 +210,7 @@ def report_command(folder: Path) -> None:
 
 def write_and_summarise(folder: Path) -> Path:
     """Write the report, print its first table, and return its page."""
-    from zbuf_occlude.compare.comparison_report import write_report  # late: imports Matplotlib
+    from zbuf_occlude.studies.compare.comparison_report import write_report  # late: imports Matplotlib
 
     written = write_report(folder, paper_tables)
     echo(first_screen(folder))

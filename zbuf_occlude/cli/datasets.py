@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.messages import picture, what_was_made
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.shared_options import (
@@ -20,18 +21,17 @@ from zbuf_occlude.cli.shared_options import (
     share_of,
 )
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
-from zbuf_occlude.dataset.export import convert
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, datasets_in, read_finished, read_manifest, read_plan
-from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.gallery import write_contact_sheet, write_gallery
-from zbuf_occlude.dataset.generate import merge, progress_of
-from zbuf_occlude.dataset.source import open_dataset
-from zbuf_occlude.dataset.verify import verify
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.datasets.export import convert
+from zbuf_occlude.datasets.folder import CONTACT_SHEET, GALLERY, datasets_in, read_finished, read_manifest, read_plan
+from zbuf_occlude.datasets.formats import FORMATS, find_format
+from zbuf_occlude.datasets.gallery import write_contact_sheet, write_gallery
+from zbuf_occlude.datasets.generate import merge, progress_of
+from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.datasets.verify import verify
+from zbuf_occlude.datasets.workers import Run
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.paper.tables import table_2
-from zbuf_occlude.shapes.built_in import collection_of
-from zbuf_occlude.workers import Run
+from zbuf_occlude.meshes.shapes.built_in import collection_of
+from zbuf_occlude.studies.paper.tables import table_2
 
 
 @click.command(cls=Command)

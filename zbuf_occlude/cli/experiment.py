@@ -8,11 +8,21 @@ import click
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
-from zbuf_occlude.learn.models import MODELS, require_torch
-from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
-from zbuf_occlude.paper.real_scans import UPS
-from zbuf_occlude.paper.results import read_study
-from zbuf_occlude.paper.study_report import tables_of_answers, write_study
+from zbuf_occlude.studies.learn.models import MODELS, require_torch
+from zbuf_occlude.studies.paper.design import (
+    AUGMENTATION,
+    BUDGETS,
+    CLOUDS,
+    ELEVATION,
+    FULL,
+    QUICK,
+    REALISM,
+    Progress,
+    changed,
+)
+from zbuf_occlude.studies.paper.real_scans import UPS
+from zbuf_occlude.studies.paper.results import read_study
+from zbuf_occlude.studies.paper.study_report import tables_of_answers, write_study
 
 BOTH, ALL = "table3", "all"
 """Name of the paper's experiments together, in `paper` and in `experiment`."""
@@ -152,7 +162,7 @@ def run_experiment(
     size = QUICK if quick else FULL
     size = changed(size, models=names, seeds=seeds, objects=objects, points=numbers, epochs=epochs)
     require_torch()
-    from zbuf_occlude.paper.study import EXPERIMENTS, run_study  # late: imports PyTorch
+    from zbuf_occlude.studies.paper.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
     options |= {"scans": scans, "scans_up": scans_up, "budgets": tuple(dict.fromkeys(budgets)) or (CLOUDS,)}
     bars = Bars()

@@ -5,15 +5,15 @@ from typing import Any
 
 import click
 
-from zbuf_occlude import shapes
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.cli.shell import Command, Name, echo
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.load import load_mesh
-from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
-from zbuf_occlude.paper.real_scans import find_frame, largest_scan, read_scan
+from zbuf_occlude.studies.paper.figures import FIGURES, Exhibit, make_mask
+from zbuf_occlude.studies.paper.real_scans import find_frame, largest_scan, read_scan
 from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150

@@ -8,7 +8,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import default_up
 from zbuf_occlude.meshes.stance import Stances, stances, stands_on
-from zbuf_occlude.scenes.sizes import FILE
+from zbuf_occlude.sensors.scenes.sizes import FILE
 from zbuf_occlude.sensors.setup import ScanConfig
 
 

@@ -7,6 +7,9 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from zbuf_occlude.base.errors import GlError, OccludeError, UnavailableError
+from zbuf_occlude.base.jit.compiler import announce
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
 from zbuf_occlude.cli.scan_options import check_sizes, overruled, pop_scan_options, scan_options
@@ -32,21 +35,18 @@ from zbuf_occlude.cli.shared_options import (
     with_option,
 )
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
-from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
-from zbuf_occlude.dataset.folder import ORIGINAL
-from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.generate import generate, progress_of
-from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
-from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
-from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.jit.compiler import announce
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.datasets.auto import AUTO, Choice, resolve
+from zbuf_occlude.datasets.folder import ORIGINAL
+from zbuf_occlude.datasets.formats import FORMATS, find_format
+from zbuf_occlude.datasets.generate import generate, progress_of
+from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
+from zbuf_occlude.datasets.presets import PRESETS, find_preset, plan_of_originals
+from zbuf_occlude.datasets.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
+from zbuf_occlude.datasets.workers import Done, Run, Task
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors.setup import SURFACE, ScanConfig, span_of
-from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.workers import Done, Run, Task
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 

@@ -10,14 +10,14 @@ import click
 import numpy as np
 
 from zbuf_occlude import sensors
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.errors import UnavailableError
+from zbuf_occlude.base.extras import tried
 from zbuf_occlude.cli.shared_options import suffix_of
 from zbuf_occlude.cli.shell import Command, echo
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.extras import tried
-from zbuf_occlude.gl.context import ENVIRONMENT
-from zbuf_occlude.gl.devices import FIXES
-from zbuf_occlude.gl.probe import Probe, probe_all
+from zbuf_occlude.engines.gl.context import ENVIRONMENT
+from zbuf_occlude.engines.gl.devices import FIXES
+from zbuf_occlude.engines.gl.probe import Probe, probe_all
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import Method
@@ -166,7 +166,7 @@ def doctor_command(as_json: bool) -> None:
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if is_selected(probe, named))
     no_gl = "" if works else "needs OpenGL; see above"
-    compiled = tried("numba", "zbuf_occlude.exact.bvh")
+    compiled = tried("numba", "zbuf_occlude.engines.exact.bvh")
     methods = {
         method.name: reason_missing(method) or (no_gl if method.needs_gl else "") or compiled for method in METHODS
     }

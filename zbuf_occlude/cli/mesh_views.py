@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import check_choice
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.base.point_files import columns_of, write_csv, write_ply
 from zbuf_occlude.cli.file_frames import print_frame
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
@@ -27,20 +31,15 @@ from zbuf_occlude.cli.shared_options import (
     with_option,
 )
 from zbuf_occlude.cli.shell import Command, echo, on_renderer
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.point_files import write_csv, write_ply
-from zbuf_occlude.errors import check_choice
-from zbuf_occlude.geometry.cloud import columns_of
+from zbuf_occlude.datasets.plan import ATTRIBUTES
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import box_around
-from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
 from zbuf_occlude.visibility.interface import contact_advice
-from zbuf_occlude.visible_surface import Coverage
-from zbuf_occlude.visible_surface import coverage as measure_coverage
+from zbuf_occlude.visibility.visible_surface import Coverage
+from zbuf_occlude.visibility.visible_surface import coverage as measure_coverage
 
 PIXELS = click.IntRange(1, 8192)
 MESHES = (".obj", ".off")
@@ -241,8 +240,8 @@ def depth_command(
     Example:
       zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
     """
-    from zbuf_occlude.gl.context import GlContext  # late: only this command needs GL
-    from zbuf_occlude.gl.depth_pass import render_depth
+    from zbuf_occlude.engines.gl.context import GlContext  # late: only this command needs GL
+    from zbuf_occlude.engines.gl.depth_pass import render_depth
 
     size = size or resolution
     suffix = suffix_of(out, (".png", ".npy", ".exr"))

@@ -11,12 +11,12 @@ from typing import Any
 
 from zbuf_occlude.cli.shared_options import nearest
 from zbuf_occlude.cli.shell import counted, on_renderer
-from zbuf_occlude.dataset.counts import CONFIDENCE, FEW
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, contains_plan, removable
-from zbuf_occlude.dataset.formats import Format
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.presets import Preset
-from zbuf_occlude.dataset.rehearsal import estimate
+from zbuf_occlude.datasets.counts import CONFIDENCE, FEW
+from zbuf_occlude.datasets.folder import CONTACT_SHEET, MANIFEST, contains_plan, removable
+from zbuf_occlude.datasets.formats import Format
+from zbuf_occlude.datasets.plan import Plan
+from zbuf_occlude.datasets.presets import Preset
+from zbuf_occlude.datasets.rehearsal import estimate
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 

@@ -6,7 +6,11 @@ from typing import Any
 import click
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.errors import MeshError, OptionError
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import cut_off
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
@@ -19,18 +23,14 @@ from zbuf_occlude.cli.shared_options import (
     suffix_of,
 )
 from zbuf_occlude.cli.shell import Command, Name, echo
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.counts import QualityCounts
-from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.datasets.counts import QualityCounts
 from zbuf_occlude.geometry.cloud import SUFFIXES
-from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.provenance import seed_of
-from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material
+from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.views import from_angles
 

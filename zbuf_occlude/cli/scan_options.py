@@ -10,18 +10,18 @@ import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
+from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.cli.shared_options import Setting, Settings, explicitly_set, finite
 from zbuf_occlude.cli.shell import Decorator, all_of, echo
-from zbuf_occlude.dataset.auto import AUTO
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.datasets.auto import AUTO
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.contents import read_scene, with_checksums
-from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
+from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.scenes.contents import read_scene, with_checksums
+from zbuf_occlude.sensors.scenes.kinds import KINDS
+from zbuf_occlude.sensors.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
 from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
-from zbuf_occlude.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import click
 import numpy as np
 
+from zbuf_occlude.base import atomic
 from zbuf_occlude.cli.shared_options import suffix_of
 from zbuf_occlude.cli.shell import Command, Name, echo
-from zbuf_occlude.dataset import atomic
 from zbuf_occlude.geometry.mesh import UP, Mesh
 from zbuf_occlude.meshes.load import default_up
-from zbuf_occlude.scenes.sizes import SIZES
-from zbuf_occlude.shapes.built_in import BUILT_IN, find_shape
+from zbuf_occlude.meshes.shapes.built_in import BUILT_IN, find_shape
+from zbuf_occlude.sensors.scenes.sizes import SIZES
 
 ENDINGS = (".off", ".obj", ".ply", ".stl", ".glb")
 TEXT_FORMATS = (".off", ".obj")

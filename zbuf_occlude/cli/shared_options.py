@@ -12,21 +12,21 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from zbuf_occlude.base.errors import MeshError, OptionError, UnavailableError, find_row
+from zbuf_occlude.base.extras import missing
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
-from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, find_row
-from zbuf_occlude.extras import missing
+from zbuf_occlude.datasets.auto import AUTO, Choice, by_default, remark_on_renderer
+from zbuf_occlude.datasets.workers import Run, from_environment, parse_shard
+from zbuf_occlude.datasets.workers.local import run_local
+from zbuf_occlude.datasets.workers.ray import run_ray
 from zbuf_occlude.geometry.camera import FIELDS_OF_VIEW, field_of_view
 from zbuf_occlude.geometry.mesh import UNITS, Mesh
-from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.shapes.built_in import BUILT_IN
+from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.views import Views, from_angles
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
-from zbuf_occlude.workers import Run, from_environment, parse_shard
-from zbuf_occlude.workers.local import run_local
-from zbuf_occlude.workers.ray import run_ray
 
 VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
 

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 import click
 
-from zbuf_occlude.errors import OccludeError, OptionError, did_you_mean, escape_control
-from zbuf_occlude.limits import address_space
+from zbuf_occlude.base.errors import OccludeError, OptionError, did_you_mean, escape_control
+from zbuf_occlude.base.limits import address_space
 
 SOME_FAILED = 3
 """Exit code of a run in which some meshes failed."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, as_vectors
+from zbuf_occlude.base.arrays import FloatArray, as_vectors
 from zbuf_occlude.geometry.camera import view_matrices
 
 COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import as_vectors
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.errors import escape_control
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import as_vectors
+from zbuf_occlude.base.errors import escape_control
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +98,7 @@ def write_pages(
     """Write a report as a self-contained HTML page and as Markdown, with its pictures as PNG files; return all paths.
 
     `answers` and `facts` are the first paragraphs, `facts` in small type; `first` are sections before the others. The
-    template `page` (in ``zbuf_occlude/assets``) also gets `more`. Needs the package jinja2.
+    template `page` (in ``zbuf_occlude/drawing/assets``) also gets `more`. Needs the package jinja2.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # here: pages of datasets do not need it
     from markupsafe import Markup
@@ -106,7 +106,7 @@ def write_pages(
     def is_html(template: str | None) -> bool:
         return template is not None and template.endswith(".html.j2")
 
-    loader = PackageLoader("zbuf_occlude", "assets")
+    loader = PackageLoader("zbuf_occlude.drawing", "assets")
     templates = Environment(
         loader=loader, undefined=StrictUndefined, autoescape=is_html, trim_blocks=True, lstrip_blocks=True
     )
@@ -132,8 +132,8 @@ def write_pages(
 
 
 def asset(name: str) -> str:
-    """Return the text of a file of ``zbuf_occlude/assets``."""
-    return (files("zbuf_occlude") / "assets" / name).read_text(encoding="utf-8")
+    """Return the text of a file of ``zbuf_occlude/drawing/assets``."""
+    return (files("zbuf_occlude.drawing") / "assets" / name).read_text(encoding="utf-8")
 
 
 def pack_cloud(

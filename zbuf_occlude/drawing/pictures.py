@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ft2font import FT2Font
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.jit.compiler import njit
 from zbuf_occlude.drawing import marks
 from zbuf_occlude.drawing.marks import (
     area_of_mark,
@@ -24,7 +25,6 @@ from zbuf_occlude.drawing.marks import (
     project_to_picture,
 )
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.compiler import njit
 
 COLOUR = to_hex(marks.COLOUR)
 """Default colour of surfaces."""

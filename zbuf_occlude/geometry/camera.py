@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray, as_number, as_numbers, as_vectors
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.base.arrays import LARGEST, BoolArray, FloatArray, as_number, as_numbers, as_vectors
+from zbuf_occlude.base.errors import ArgumentError
 
 WIDEST = 1.5
 """Maximum tangent to either side of a single frustum (56 degrees); beyond it cube faces use their pixels better."""

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.extras import importing
+from zbuf_occlude.base import atomic, point_files
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import OptionError
+from zbuf_occlude.base.extras import importing
 from zbuf_occlude.geometry.colors import Bytes
 
 SUFFIXES = (".ply", ".npz", ".pcd", ".npy", ".csv")
 """Suffixes of the files that `Cloud.save` writes."""
-RGB = ("red", "green", "blue")
 
 
 class Cloud:
@@ -43,7 +43,7 @@ class Cloud:
         keep_clean : bool
             Include the noise-free ranges of a scan.
         """
-        return columns_of(self.points, self.normals, self.colors)
+        return point_files.columns_of(self.points, self.normals, self.colors)
 
     def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
         """Write the cloud to a file in the format of its suffix.
@@ -63,8 +63,6 @@ class Cloud:
         OSError
             The file cannot be written.
         """
-        from zbuf_occlude.dataset import atomic, point_files  # late: writing files is a floor above
-
         path = Path(path)
         suffix = path.suffix.lower()
         if suffix not in SUFFIXES:
@@ -103,20 +101,3 @@ class Cloud:
         import trimesh
 
         return trimesh.PointCloud(np.array(self.points), colors=self.colors)
-
-
-def columns_of(positions: FloatArray, normals: FloatArray | None = None, colors: Bytes | None = None) -> NDArray[Any]:
-    """Return a structured array: x, y, z float64; if given, nx, ny, nz float32 and red, green, blue uint8."""
-    fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]
-    if normals is not None:
-        fields += [("n" + axis, "<f4") for axis in "xyz"]
-    if colors is not None:
-        fields += [(name, "|u1") for name in RGB]
-    table = np.empty(len(positions), dtype=fields)
-    for number, axis in enumerate("xyz"):
-        table[axis] = positions[:, number]
-        if normals is not None:
-            table["n" + axis] = normals[:, number]
-        if colors is not None:
-            table[RGB[number]] = colors[:, number]
-    return table

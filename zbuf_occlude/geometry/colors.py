@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_number
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, as_number
+from zbuf_occlude.base.errors import ArgumentError
 
 Bytes = NDArray[np.uint8]
 

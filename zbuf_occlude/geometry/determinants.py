@@ -27,8 +27,8 @@ import math
 
 import numpy as np
 
-from zbuf_occlude.jit.compiler import always_inline, device_function, external, njit
-from zbuf_occlude.jit.simd import fma
+from zbuf_occlude.base.jit.compiler import always_inline, device_function, external, njit
+from zbuf_occlude.base.jit.simd import fma
 
 FILTER = 9.0 * 2.0**-53
 SECOND = 2.0**-98

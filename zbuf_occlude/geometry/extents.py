@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 
 PAIRS_PER_TASK = 20_000
 """Minimum pairs of camera and point per extra thread; below this, waking it costs more."""

@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 NEAR_AREA, NEAR_SIZE = 0.99, 0.01
 """A mesh has far faces if `NEAR_AREA` of its area lies within `NEAR_SIZE` of its diagonal."""

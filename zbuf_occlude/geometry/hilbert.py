@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
+from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.jit.threads import n_blocks, parallel_for, parallel_kernel, take_block
 
 Keys = NDArray[np.uint64]
 

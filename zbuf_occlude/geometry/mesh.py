@@ -1,7 +1,6 @@
 """Mesh: vertices and triangles as two arrays, with normals, areas and bounds."""
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import (
+from zbuf_occlude.base.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
@@ -23,18 +22,15 @@ from zbuf_occlude.arrays import (
     readonly_copy,
     set_readonly,
 )
-from zbuf_occlude.errors import ArgumentError, MeshError, check_choice
-from zbuf_occlude.extras import importing
-from zbuf_occlude.geometry.colors import WHITE, SurfaceColors, of_trimesh
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.provenance import UNKNOWN, MeshSource
+from zbuf_occlude.base.errors import ArgumentError, MeshError, check_choice
+from zbuf_occlude.base.extras import importing
+from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.jit.vec3 import cross, dot, minus
+from zbuf_occlude.base.provenance import UNKNOWN, MeshSource
+from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
 
 NO_AREA = 1e-12
 """Length of a face's normal, as a share of its longest edge squared, up to which the face counts as having no area."""
-
-MeshLike = Any
-"""Any object that `as_mesh` accepts."""
 
 UP = ("z", "y")
 """Axes that may point up in a file."""
@@ -282,59 +278,6 @@ def convert_frame(vertices: FloatArray, up: str | None, unit: str | None) -> Flo
     if up == "y":
         vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
     return vertices if unit in (None, "m") else vertices * UNITS[unit]
-
-
-def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, colors: bool = False) -> Mesh:
-    """Return a Mesh of any supported representation.
-
-    Parameters
-    ----------
-    mesh : Mesh, path, trimesh.Trimesh, open3d TriangleMesh, or (vertices, faces)
-        Also any object with `vertices` and `faces` or `triangles`. A file is loaded and cleaned (`load_mesh`); arrays
-        are not cleaned, so that face ids index the given faces.
-    up, unit : str, optional
-        Up axis, "z" or "y", and unit, "mm", "cm", "m" or "in", as in `load_mesh`.
-    colors : bool
-        Read base colours too, if there are any.
-
-    Raises
-    ------
-    ArgumentError
-        Another object, or faces that are not triangles.
-    MeshError, OptionError
-        As `load_mesh`.
-    """
-    if isinstance(mesh, str | os.PathLike):
-        from zbuf_occlude.meshes.load import load_mesh  # late: meshes.load imports this module
-
-        return load_mesh(mesh, up=up, unit=unit, colors=colors)
-    check_frame(up, unit)
-    found = _of_object(mesh, colors)
-    if up in (None, "z") and unit in (None, "m"):
-        return found
-    return replace(found, vertices=convert_frame(found.vertices, up, unit))
-
-
-def _of_object(mesh: MeshLike, colors: bool) -> Mesh:
-    """Return a Mesh of an object with the attributes of one."""
-    if isinstance(mesh, Mesh):
-        return mesh
-    if isinstance(mesh, tuple | list) and len(mesh) == 2:
-        return Mesh(*mesh)
-    if hasattr(mesh, "to_legacy"):  # Open3D's tensor-based mesh
-        mesh = mesh.to_legacy()
-    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-        return Mesh.from_trimesh(mesh, colors=colors)
-    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
-        faces, found = np.asarray(mesh.triangles), None
-        if colors and len(per_vertex := np.asarray(getattr(mesh, "vertex_colors", ()))):
-            found = SurfaceColors((WHITE,), np.zeros(len(faces), np.int32), per_vertex[faces])
-        return Mesh(np.asarray(mesh.vertices), faces, colors=found)
-    hint = " Make one mesh of a scene: scene.to_mesh()." if hasattr(mesh, "to_mesh") else ""
-    raise ArgumentError(
-        "mesh must be a path, a Mesh, (vertices, faces), or have vertices and faces or triangles, as those of trimesh "
-        f"and Open3D; got {type(mesh).__name__}.{hint}"
-    )
 
 
 def box_around(positions: FloatArray) -> Mesh:

@@ -11,6 +11,8 @@ within the face's plane, which the face does not block (paper Eq. 6 has no solut
 
 import math
 
+from zbuf_occlude.base.jit.compiler import always_inline, device_function, external, njit
+from zbuf_occlude.base.jit.vec3 import dot, minus
 from zbuf_occlude.geometry.determinants import (
     CLEAR,
     SIGN,
@@ -19,8 +21,6 @@ from zbuf_occlude.geometry.determinants import (
     filtered_determinant,
     low_part,
 )
-from zbuf_occlude.jit.compiler import always_inline, device_function, external, njit
-from zbuf_occlude.jit.vec3 import dot, minus
 
 EXACTLY = (0.0, 0.0, 0.0)
 """Low part of a row that was not rounded."""

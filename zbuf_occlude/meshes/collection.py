@@ -12,15 +12,15 @@ from typing import Any, overload
 
 import numpy as np
 
-from zbuf_occlude.arrays import as_flag
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_choice, escape_control
+from zbuf_occlude.base.arrays import as_flag
+from zbuf_occlude.base.errors import ArgumentError, MeshError, OptionError, check_choice, escape_control
+from zbuf_occlude.base.provenance import UNKNOWN, MeshSource
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.load import default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import has_changed
 from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
-from zbuf_occlude.provenance import UNKNOWN, MeshSource
 
 SPLITS = ("train", "val", "test")
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import LARGEST, BoolArray, FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Attributes, Data, Json, whole

@@ -8,9 +8,9 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
-from zbuf_occlude.extras import reason
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
+from zbuf_occlude.base.extras import reason
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints
 from zbuf_occlude.meshes.text import as_doubles

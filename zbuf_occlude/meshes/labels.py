@@ -10,8 +10,8 @@ from itertools import islice
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any, TypeVar
 
-from zbuf_occlude.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
-from zbuf_occlude.errors import OptionError, describe, escape_control
+from zbuf_occlude.base.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
+from zbuf_occlude.base.errors import OptionError, describe, escape_control
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
 _KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.meshes.labels import SPLIT_WORDS, Label, parse_csv, parse_json, unpacked
 from zbuf_occlude.meshes.tree import ALL, Tree
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.arrays import LARGEST, FloatArray, as_flag
-from zbuf_occlude.errors import ArgumentError, MeshError, describe, escape_control, shown
+from zbuf_occlude.base.arrays import LARGEST, FloatArray, as_flag
+from zbuf_occlude.base.errors import ArgumentError, MeshError, describe, escape_control, shown
+from zbuf_occlude.base.provenance import MeshSource
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh, check_frame, convert_frame
 from zbuf_occlude.meshes.gltf import read_gltf
@@ -20,7 +21,6 @@ from zbuf_occlude.meshes.ply import foreign_lines, read_ply, read_ply_colors, re
 from zbuf_occlude.meshes.polygon_colors import PolygonColors
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
-from zbuf_occlude.provenance import MeshSource
 
 _LOG = logging.getLogger(__name__)
 

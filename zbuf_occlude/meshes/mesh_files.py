@@ -6,9 +6,9 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.errors import MeshError, describe
-from zbuf_occlude.limits import memory_allowed
-from zbuf_occlude.provenance import FileStat, MeshSource
+from zbuf_occlude.base.errors import MeshError, describe
+from zbuf_occlude.base.limits import memory_allowed
+from zbuf_occlude.base.provenance import FileStat, MeshSource
 
 ARCHIVE = ".zip"
 

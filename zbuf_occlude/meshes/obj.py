@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygon_colors import PolygonColors, Textures, in_unit_range

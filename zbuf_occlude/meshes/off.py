@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 from zbuf_occlude.meshes.text import Lines, check_text, runs
 

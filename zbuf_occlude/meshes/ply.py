@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError, did_you_mean
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError, did_you_mean
 from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygon_colors import PolygonColors, Textures, in_unit_range

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.colors import Bytes, Material, SurfaceColors
 from zbuf_occlude.meshes.polygons import Ints
 

@@ -8,10 +8,10 @@ import mapbox_earcut
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import LARGEST, FloatArray
-from zbuf_occlude.errors import MeshError
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.vec3 import cross, dot, minus
+from zbuf_occlude.base.arrays import LARGEST, FloatArray
+from zbuf_occlude.base.errors import MeshError
+from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 
 Ints = NDArray[np.int64]
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 

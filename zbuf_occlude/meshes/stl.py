@@ -6,8 +6,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import Keywords, Lines, as_doubles, unix_lines
 

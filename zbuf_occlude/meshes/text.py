@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
-from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
+from zbuf_occlude.base.jit.compiler import njit
 
 _SLASH = ord("/")
 _BLANK, _LINE_END, _COMMENT = 1, 2, 3

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.documents import MOST_BYTES
-from zbuf_occlude.errors import MeshError, escape_control
+from zbuf_occlude.base.documents import MOST_BYTES
+from zbuf_occlude.base.errors import MeshError, escape_control
 from zbuf_occlude.meshes.load import SUFFIXES
 from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members, n_bytes_of
 

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import ArgumentError, escape_control, shown
-from zbuf_occlude.extras import importing
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.errors import ArgumentError, escape_control, shown
+from zbuf_occlude.base.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, frames, pixel_rays, png
+from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import check_views
 from zbuf_occlude.visibility import prepare

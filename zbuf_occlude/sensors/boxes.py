@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.colors import Bytes
-from zbuf_occlude.scenes.kinds import METHOD, prepared
-from zbuf_occlude.scenes.scene import Placed, Scene
 from zbuf_occlude.sensors.bop import silhouette
 from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.sensors.scenes.kinds import METHOD, prepared
+from zbuf_occlude.sensors.scenes.scene import Placed, Scene
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import VisibilityQuery
 

@@ -8,20 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.errors import MeshError
+from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.provenance import generator
-from zbuf_occlude.scenes.contents import placed_of
-from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
-from zbuf_occlude.scenes.scene import Placed, Scene, moved
-from zbuf_occlude.scenes.sizes import size_of
+from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.noise import apply_noise, measured_ranges
 from zbuf_occlude.sensors.poses import look_at, pose_of_camera
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scanning import noiseless_scan
+from zbuf_occlude.sensors.scenes.contents import placed_of
+from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
+from zbuf_occlude.sensors.scenes.scene import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.sizes import size_of
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views

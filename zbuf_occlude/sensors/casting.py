@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.scenes.scene import Placed, Scene
+from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.sensors.motion import Motion
+from zbuf_occlude.sensors.scenes.scene import Placed, Scene
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 

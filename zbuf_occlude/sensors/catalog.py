@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.documents import Number, parse_document, parse_line, read_limited
-from zbuf_occlude.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
+from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.base.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
 from zbuf_occlude.sensors.rays import PATTERNS, numbers_of
 from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 

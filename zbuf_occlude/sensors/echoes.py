@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, unit_vectors
+from zbuf_occlude.base.arrays import FloatArray, IntArray, unit_vectors
 from zbuf_occlude.sensors.casting import cast
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.sensor import NoiseModel

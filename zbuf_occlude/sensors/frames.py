@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_flag, as_number
-from zbuf_occlude.errors import ArgumentError, check_int
-from zbuf_occlude.extras import importing
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, as_flag, as_number
+from zbuf_occlude.base.errors import ArgumentError, check_int
+from zbuf_occlude.base.extras import importing
+from zbuf_occlude.base.jit.compiler import njit
 from zbuf_occlude.geometry.camera import field_of_view
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
-from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
-from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
+from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import MOST_PIXELS, check_views
 from zbuf_occlude.visibility import find_method, prepare

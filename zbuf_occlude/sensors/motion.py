@@ -6,9 +6,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_flag, as_number, as_numbers, as_vector, set_readonly, shape_and_dtype
-from zbuf_occlude.documents import read_limited
-from zbuf_occlude.errors import ArgumentError, DatasetError, describe, escape_control
+from zbuf_occlude.base.arrays import (
+    FloatArray,
+    as_flag,
+    as_number,
+    as_numbers,
+    as_vector,
+    set_readonly,
+    shape_and_dtype,
+)
+from zbuf_occlude.base.documents import read_limited
+from zbuf_occlude.base.errors import ArgumentError, DatasetError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors.rays import Rays
 

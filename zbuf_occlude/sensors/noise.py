@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, unit_vectors
+from zbuf_occlude.base.arrays import FloatArray, unit_vectors
 from zbuf_occlude.sensors.echoes import perpendiculars
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.sensor import STEEPEST, NoiseModel, Sensor

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_vector
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.base.arrays import FloatArray, as_vector
+from zbuf_occlude.base.errors import ArgumentError
 
 
 def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> FloatArray:

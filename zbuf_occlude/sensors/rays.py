@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, readonly_copy, set_readonly
-from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.base.arrays import FloatArray, IntArray, as_indices, as_vectors, readonly_copy, set_readonly
+from zbuf_occlude.base.errors import ArgumentError, OptionError
 
 MOST_RAYS = 8_500_000
 """Maximum rays of a sensor: a mistyped number must not fill the memory."""

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.geometry.cloud import Cloud, columns_of
+from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.point_files import columns_of
+from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes
 
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_number, as_numbers, as_vectors, unit_vectors
-from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.base.arrays import FloatArray, IntArray, as_number, as_numbers, as_vectors, unit_vectors
+from zbuf_occlude.base.errors import ArgumentError, OptionError
+from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.geometry.camera import as_rigid
 from zbuf_occlude.geometry.colors import barycentric, luminance
-from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
-from zbuf_occlude.provenance import generator
-from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.sensors.casting import DynamicScene, normals_at, prepare_scene
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.echoes import cast_beams, echoes_of
@@ -25,6 +25,7 @@ from zbuf_occlude.sensors.noise import apply_noise
 from zbuf_occlude.sensors.poses import look_at
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.second_camera import select_triangulated
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import from_angles

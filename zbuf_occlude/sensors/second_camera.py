@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, unit_vectors
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, unit_vectors
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.sensors.echoes import Echoes
 from zbuf_occlude.sensors.noise import EDGE
 from zbuf_occlude.sensors.rays import Rays

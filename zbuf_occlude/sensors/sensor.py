@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.documents import Number, parse_bool, parse_line
-from zbuf_occlude.errors import OptionError, check_choice
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.documents import Number, parse_bool, parse_line
+from zbuf_occlude.base.errors import OptionError, check_choice
 from zbuf_occlude.sensors.rays import MOST_RAYS, PATTERNS, Rays, beside_axis, numbers_of
 
 RETURNS = ("first", "strongest", "last", "all")

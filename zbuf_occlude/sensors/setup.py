@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import as_flag
-from zbuf_occlude.errors import ArgumentError, OptionError, check_choice, find_row, shown
-from zbuf_occlude.scenes.kinds import KINDS, Kind
-from zbuf_occlude.scenes.sizes import Sizes, sizes_of
+from zbuf_occlude.base.arrays import as_flag
+from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, find_row, shown
 from zbuf_occlude.sensors.motion import Motion
+from zbuf_occlude.sensors.scenes.kinds import KINDS, Kind
+from zbuf_occlude.sensors.scenes.sizes import Sizes, sizes_of
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import find_method
@@ -38,11 +38,11 @@ class ScanConfig:
         Metres from the sensor to the centre of the target (along the ground where there is one), drawn uniformly from
         two bounds. None: the distance of the view, in multiples of the target's size.
     size : mapping of class to metres, metres, or "file"
-        Longest sides (`zbuf_occlude.scenes.sizes.sizes_of`).
+        Longest sides (`zbuf_occlude.sensors.scenes.sizes.sizes_of`).
     scene : str
-        A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
+        A name of `zbuf_occlude.sensors.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
-        Objects of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`), which has a ground.
+        Objects of a scene from a file (`zbuf_occlude.sensors.scenes.contents.read_scene`), which has a ground.
     hidden : (float, float), float, or None
         Share of the target that others hide, drawn uniformly from two bounds. None: the scene's default.
     keep : str

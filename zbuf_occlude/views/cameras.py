@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.documents import Number, parse_document, read_limited
-from zbuf_occlude.errors import OptionError, describe, escape_control
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.documents import Number, parse_document, read_limited
+from zbuf_occlude.base.errors import OptionError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import (
+from zbuf_occlude.base.arrays import (
     LARGEST,
     BoolArray,
     FloatArray,
@@ -17,7 +17,7 @@ from zbuf_occlude.arrays import (
     as_indices,
     readonly_copy,
 )
-from zbuf_occlude.errors import ArgumentError, escape_control
+from zbuf_occlude.base.errors import ArgumentError, escape_control
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
 MOST_PIXELS = 1 << 26

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray, as_number
-from zbuf_occlude.errors import OptionError, check_int, did_you_mean, shown
-from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
-from zbuf_occlude.provenance import generator
+from zbuf_occlude.base.arrays import FloatArray, as_number
+from zbuf_occlude.base.errors import OptionError, check_int, did_you_mean, shown
+from zbuf_occlude.base.provenance import generator
+from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.views import cameras
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 

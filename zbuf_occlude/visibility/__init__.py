@@ -4,9 +4,10 @@ from collections.abc import Callable
 from inspect import signature
 from typing import Any
 
-from zbuf_occlude.errors import ArgumentError, OptionError, did_you_mean, find_row
-from zbuf_occlude.geometry.mesh import MeshLike, as_mesh, box_around
-from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.base.errors import ArgumentError, OptionError, did_you_mean, find_row
+from zbuf_occlude.geometry.mesh import box_around
+from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
+from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, VisibilityQuery
 
 
@@ -22,25 +23,25 @@ METHODS = Methods(
         Method(
             "depth_buffer",
             "depth buffer of the mesh for each eye and a depth test of the points, all on the GPU",
-            "zbuf_occlude.visibility.depth_buffer:prepare",
+            "zbuf_occlude.visibility.methods.depth_buffer:prepare",
             needs_gl=True,
         ),
         Method(
             "exact",
             "exact image-space visibility on the CPU: the oracle's answers, mostly faster than a ray caster",
-            "zbuf_occlude.visibility.exact:prepare",
+            "zbuf_occlude.visibility.methods.exact:prepare",
             exact=True,
         ),
         Method(
             "oracle",
             "exact CPU reference, float64, brute force over all faces: slow, and simple",
-            "zbuf_occlude.visibility.oracle:prepare",
+            "zbuf_occlude.visibility.methods.oracle:prepare",
             exact=True,
         ),
         Method(
             "exact_gl",
             "exact image-space visibility on the GPU: an irregular z-buffer in compute shaders, as the oracle",
-            "zbuf_occlude.visibility.exact_gl:prepare",
+            "zbuf_occlude.visibility.methods.exact_gl:prepare",
             exact=True,
             needs_gl=True,
             ray_casting_unsupported_reason="its entries are sample points, and a ray has none",
@@ -48,14 +49,14 @@ METHODS = Methods(
         Method(
             "embree",
             "ray casting with Intel Embree, float32: an independent check, for comparison",
-            "zbuf_occlude.visibility.embree:prepare",
+            "zbuf_occlude.visibility.methods.embree:prepare",
             extra="embree",
             requires="embreex",
         ),
         Method(
             "warp",
             "ray casting with NVIDIA Warp, decided in float64: equal to the oracle; CUDA or CPU",
-            "zbuf_occlude.visibility.warp:prepare",
+            "zbuf_occlude.visibility.methods.warp:prepare",
             exact=True,
             extra="warp",
             requires="warp",
@@ -63,7 +64,7 @@ METHODS = Methods(
         Method(
             "pyrender",
             "depth images by pyrender in a process of its own and a depth test, for comparison in image space",
-            "zbuf_occlude.visibility.pyrender:prepare",
+            "zbuf_occlude.visibility.methods.pyrender:prepare",
             extra="pyrender",
             requires="pyrender",
             libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
@@ -72,31 +73,31 @@ METHODS = Methods(
         Method(
             "vertex_hsr",
             "paper 3.3: every face with a hidden vertex is removed; large faces can be divided first",
-            "zbuf_occlude.visibility.vertex_hsr:prepare",
+            "zbuf_occlude.visibility.methods.vertex_hsr:prepare",
             ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "vertex_hsr_culled",
             "vertex_hsr with far faces excluded by distance: first or second suggestion of paper 3.6",
-            "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
+            "zbuf_occlude.visibility.methods.vertex_hsr_culled:prepare",
             ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "exact_hsr",
             "paper 3.5: every point against all faces by planes and perpendicular planes",
-            "zbuf_occlude.visibility.exact_hsr:prepare",
+            "zbuf_occlude.visibility.methods.exact_hsr:prepare",
             ray_casting_unsupported_reason="it tests whether a point is hidden, not which face hides it first",
         ),
         Method(
             "occupancy_grid",
             "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
-            "zbuf_occlude.visibility.occupancy_grid:prepare",
+            "zbuf_occlude.visibility.methods.occupancy_grid:prepare",
             ray_casting_unsupported_reason="its cells have no face ids",
         ),
         Method(
             "hidden_point_removal",
             "Katz 2007 through Open3D: convex hull of the flipped cloud, without faces",
-            "zbuf_occlude.visibility.hidden_point_removal:prepare",
+            "zbuf_occlude.visibility.methods.hidden_point_removal:prepare",
             needs_faces=False,
             extra="open3d",
             requires="open3d",
@@ -194,7 +195,7 @@ def prepare(
             raise ArgumentError("The point cloud has no points.")
         mesh = box_around(mesh.positions)
     if row.needs_gl and gl is None:
-        from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
+        from zbuf_occlude.engines.gl.context import GlContext  # late: nothing touches GL at import
 
         gl = GlContext.of_thread()
     query: VisibilityQuery = factory(mesh, gl=gl, **options) if row.needs_gl else factory(mesh, **options)

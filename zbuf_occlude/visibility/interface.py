@@ -13,12 +13,20 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_array, as_triples, as_vectors, rescale_directions
-from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
-from zbuf_occlude.extras import importing, missing
+from zbuf_occlude.base.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_array,
+    as_triples,
+    as_vectors,
+    rescale_directions,
+)
+from zbuf_occlude.base.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
+from zbuf_occlude.base.extras import importing, missing
 from zbuf_occlude.geometry.far_faces import FarFaces, far_faces
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 CONTACT = 1e-5

@@ -1,0 +1,201 @@
+"""Functions are compiled when they are called, and kept for the state of the sources they were compiled of."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numba import njit as njit_of_numba
+
+from zbuf_occlude.base.jit import compiler
+from zbuf_occlude.base.jit.compiler import CACHE_KEY_FOLDERS, njit
+
+ROOT = Path(__file__).parents[3]
+NOWHERE = "/dev/null"  # no folder, and nothing can be made in it, by root neither
+
+
+@njit(inline="always")
+def twice(number):
+    """Two of it."""
+    return number + number
+
+
+@njit()
+def four_times(number):
+    return twice(twice(number))
+
+
+@njit_of_numba
+def eight_times(number):
+    return twice(four_times(number))
+
+
+def test_kernels_call_kernels_and_numbas_own_call_them() -> None:
+    assert eight_times(3) == 24
+    assert four_times(3.5) == 14.0
+    assert len(four_times.signatures) == 2  # one for whole numbers, compiled with `eight_times`, one for others
+    assert (twice.__name__, twice.__doc__) == ("twice", "Two of it.")
+
+
+def run(program: str, *, cwd: Path = ROOT, **environment: str) -> str:
+    line = [sys.executable, "-B", "-c", program]
+    variables = {**os.environ, **environment}
+    child = subprocess.run(line, cwd=cwd, env=variables, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+    return child.stdout.strip()
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The module under test, and a function that calls one of another file, which has a constant of a third."""
+    folder = tmp_path / "package"
+    (folder / "base" / "jit").mkdir(parents=True)
+    shutil.copy(compiler.__file__, folder / "base" / "jit")
+    names = "from package.base.jit.compiler import njit\n"
+    (folder / "base" / "caller.py").write_text(
+        f"{names}from package.base.callee import answer\n@njit(cache=True)\ndef ask():\n    return answer()\n"
+    )
+    (folder / "base" / "callee.py").write_text(
+        f"{names}from package.base.constants import ANSWER\n@njit()\ndef answer():\n    return ANSWER\n"
+    )
+    (folder / "base" / "constants.py").write_text("ANSWER = 1\n")
+    return folder
+
+
+ASK = (
+    "from package.base.jit.compiler import cache_folder, without_scipy\n"
+    "with without_scipy():\n"
+    "    from package.base.caller import ask\n"
+    "    print(ask(), sum(ask.stats.cache_hits.values()), cache_folder())\n"
+)
+"""Prints the answer, whether the function was found compiled, and in which folder."""
+
+
+def says(package: Path, **environment: str) -> list[str]:
+    return run(ASK, cwd=package.parent, **{"NUMBA_CACHE_DIR": "", **environment}).split()
+
+
+def test_a_change_of_any_source_compiles_anew_and_removes_what_was(package: Path) -> None:
+    first = says(package)
+    assert first[:2] == ["1", "0"]
+    assert Path(first[2]).parent == package / "__pycache__"
+    assert says(package) == ["1", "1", first[2]]
+    (package / "base" / "constants.py").write_text("ANSWER = 22\n")
+    again = says(package)
+    assert again[:2] == ["22", "0"]
+    assert Path(again[2]).is_dir()
+    assert not Path(first[2]).exists()
+
+
+def test_where_nothing_of_the_package_can_be_written(package: Path) -> None:
+    """Another place is found; where there is none at all, functions are compiled all the same."""
+    (package / "__pycache__").write_text("no folder")
+    at_home = says(package, XDG_CACHE_HOME=str(package.parent / "home"))
+    assert Path(at_home[2]).parent == package.parent / "home" / "zbuf_occlude"
+    private = says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent))
+    assert Path(private[2]).parents[1] == package.parent
+    assert says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent)) == ["1", "1", private[2]]
+    Path(private[2]).parent.chmod(0o755)  # somebody else could have written there
+    assert says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent)) == ["1", "0", "None"]
+
+
+SAYS = "import logging, sys\nlogging.basicConfig(format='SAID %(message)s', stream=sys.stdout)\n"
+
+
+def test_compiling_is_said_where_something_is_compiled_only(package: Path) -> None:
+    """Once in a cache; not each time for the first place, which may not be written."""
+    (package / "__pycache__").write_text("no folder")
+
+    def said(**environment: str) -> str:
+        return run(SAYS + ASK, cwd=package.parent, NUMBA_CACHE_DIR="", **environment)
+
+    home = str(package.parent / "home")
+    assert [said(XDG_CACHE_HOME=home).count("SAID compiling, once") for _ in range(2)] == [1, 0]
+
+
+def test_no_folder_is_made_where_a_person_is(package: Path) -> None:
+    """Of a user whom the system does not know, and who has no HOME, "~" stays as it is; relative names are no homes."""
+    (package / "__pycache__").write_text("no folder")
+    program = f"import os, pwd\npwd.getpwuid = lambda user: {{}}[user]\nos.environ.pop('HOME', None)\n{ASK}"
+    found = run(program, cwd=package.parent, NUMBA_CACHE_DIR="", XDG_CACHE_HOME="cache", TMPDIR=str(package.parent))
+    assert Path(found.split()[2]).is_absolute()
+    assert not (package.parent / "~").exists()
+    assert not (package.parent / "cache").exists()
+
+
+def test_who_asks_hears_of_each_function_that_is_compiled() -> None:
+    heard: list[int] = []
+    compiler.on_compiled(lambda: heard.append(1))
+
+    @njit()
+    def half(number):
+        return number / 2.0
+
+    assert [half(3.0), half(5.0), len(heard)] == [1.5, 2.5, 1]
+    assert [half(3), len(heard)] == [1.5, 2]
+
+
+def test_processes_that_compile_at_the_same_time_all_answer(package: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
+    asking = [
+        subprocess.Popen([sys.executable, "-c", ASK], cwd=package.parent, env=environment, stdout=subprocess.PIPE)
+        for _ in range(3)
+    ]
+    assert [child.communicate()[0].split()[0] for child in asking] == [b"1"] * 3
+    found, folder = says(package, NUMBA_CACHE_DIR=str(package.parent / "cache"))[1:]
+    assert (found, Path(folder).parent) == ("1", package.parent / "cache")
+
+
+def test_a_job_is_noted_as_compiled_until_a_source_changes(package: Path) -> None:
+    program = (
+        "from package.base.jit.compiler import compiled_before, note_compiled as note\n{}print(compiled_before('job'))"
+    )
+
+    def known(before: str = "") -> str:
+        return run(program.format(before), cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
+
+    assert [known(), known("note('job')\n"), known(), known("note('another')\n")] == ["False", "True", "True", "True"]
+    elsewhere = "from package.base.jit.compiler import compiled_before\nprint(compiled_before('job'))"
+    other = str(package.parent / "other")  # code of one folder is no use to who keeps his in another
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
+    run(program.format("note('job')\n"), cwd=package.parent, NUMBA_CACHE_DIR="")
+    assert run(elsewhere, cwd=package.parent, NUMBA_CACHE_DIR=other) == "False"
+    (package / "base" / "constants.py").write_text("ANSWER = 22\n")
+    assert known() == "False"
+
+
+def is_kernel(node: ast.FunctionDef) -> bool:
+    words = ("njit", "device_function", "always_inline", "inline_ir", "parallel_kernel")
+    return any(ast.unparse(decorator).startswith(words) for decorator in node.decorator_list)
+
+
+def imported_by_kernels(tree: ast.Module) -> set[str]:
+    """Return the modules of which compiled functions use something."""
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef) and is_kernel(node)]
+    used = {node.id for function in functions for node in ast.walk(function) if isinstance(node, ast.Name)}
+    froms = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {str(node.module) for node in froms if used & {alias.name for alias in node.names}}
+
+
+def test_what_compiled_functions_are_made_of_is_part_of_the_state() -> None:
+    """A constant of a file elsewhere could change, and functions compiled with it stay."""
+    hashed = {path for room in CACHE_KEY_FOLDERS for path in (ROOT / "zbuf_occlude" / room).glob("*.py")}
+    looked_at = 0
+    for path in sorted((ROOT / "zbuf_occlude").rglob("*.py")):
+        modules = imported_by_kernels(ast.parse(path.read_text(encoding="utf-8")))
+        looked_at += bool(modules)
+        files = {ROOT / (module.replace(".", "/") + ".py") for module in modules}
+        assert {file for file in files if file.exists()} <= hashed, path
+    assert looked_at > 20
+
+
+def test_asking_what_is_compiled_makes_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """So the server of workers, which asks, does not say beside the command that it compiles."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not compiler.compiled_before("a job that nobody noted")
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "x" * 300)
+    assert not compiler.compiled_before("a job that nobody noted"), "a place that cannot be looked at"

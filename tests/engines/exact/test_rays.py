@@ -1,0 +1,111 @@
+"""First hits of `exact`: random scenes against rational arithmetic; what float32 leaves out cannot be hit."""
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.random_scenes import KINDS, wrong_rays_of
+from tests.scenes import box
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle
+
+
+@pytest.mark.parametrize("index", range(3 * len(KINDS)))
+def test_random_scenes(index: int) -> None:
+    wrong, n = wrong_rays_of("exact", 7, index)
+    assert n > 100
+    assert wrong == 0
+
+
+def test_far_origins() -> None:
+    """Rays from up to 1e14 diagonals away, aimed at a box's corners and sides."""
+    mesh = box((1.0, 2.0, 3.0))
+    rng = np.random.default_rng(0)
+    targets = np.concatenate([mesh.vertices, rng.uniform(-0.45, 0.45, (200, 3)) * [1, 2, 3]])
+    away = rng.normal(size=targets.shape)
+    for distance in (1e3, 1e5, 1e7, 1e10, 1e14):
+        origins = targets + distance * away
+        truth = prepare_oracle(mesh).first_hits(origins, -away)
+        with zo.prepare(mesh, "exact") as occluder:
+            found = occluder.first_hits(origins, -away)
+        assert (found.face_ids == truth.face_ids).all()
+        assert (found.distances == truth.distances).all()
+        assert distance > 1e12 or (truth.face_ids[8:] >= 0).mean() > 0.9
+
+
+def test_many_rays_are_shared_out_among_threads() -> None:
+    """More rays than a block, in an order that jumps about: each is answered for itself."""
+    mesh = solids.icosphere(4)
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(5000, 3))
+    with zo.prepare(mesh, "exact") as occluder:
+        all_of_them = occluder.first_hits([[0.1, 0.2, 0.3]], directions)
+        turned = occluder.first_hits([[0.1, 0.2, 0.3]], directions[::-1])
+    assert (all_of_them.face_ids == turned.face_ids[::-1]).all()
+    assert (all_of_them.distances == turned.distances[::-1]).all()
+    assert (all_of_them.face_ids == prepare_oracle(mesh).first_hits([[0.1, 0.2, 0.3]], directions).face_ids).all()
+
+
+@pytest.mark.parametrize("origin", [(0.1, 0.2, 0.3), (0.0, 5.0, 1.0)])
+@pytest.mark.parametrize("level", [2, 5])  # with few rays per cluster, too, blocks are sorted as a whole
+def test_any_order_of_rays_has_the_same_answers(origin: tuple[float, float, float], level: int) -> None:
+    """A sensor's columns, its rows, and no order: several blocks of each, some of whose rays miss or change frames."""
+    mesh = solids.icosphere(level)
+    heights, turns = np.radians(np.linspace(-80, 80, 90)), np.radians(np.linspace(-180, 180, 120))
+    columns = np.stack(
+        [
+            np.cos(heights) * np.cos(turns)[:, None],
+            np.cos(heights) * np.sin(turns)[:, None],
+            np.sin(heights) + 0 * turns[:, None],
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    assert len(columns) > 2 * 4096
+    rng = np.random.default_rng(3)
+    orders = [rng.permutation(len(columns)), np.arange(len(columns)).reshape(120, 90).T.reshape(-1)]
+    with zo.prepare(mesh, "exact") as occluder:
+        found = occluder.first_hits([origin], columns)
+        for order in orders:
+            turned = occluder.first_hits([origin], columns[order])
+            assert (turned.face_ids == found.face_ids[order]).all()
+            assert (turned.distances == found.distances[order]).all()
+    some = rng.choice(len(columns), 500)
+    truth = prepare_oracle(mesh).first_hits([origin], columns[some])
+    assert (truth.face_ids == found.face_ids[some]).all()
+    assert np.allclose(truth.distances, found.distances[some], rtol=1e-12)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.2), (3.0, 1.0, 2.0), (300.0, 1.0, 2.0)])
+def test_rays_of_one_origin(origin: tuple[float, float, float]) -> None:
+    """From inside, where a cube's frames meet too, and from outside; directions of sizes that float32 does not know."""
+    mesh = solids.icosphere(3)
+    rng = np.random.default_rng(2)
+    directions = np.concatenate([rng.uniform(-1.0, 1.0, (400, 3)) - origin, rng.integers(-1, 2, (100, 3))])
+    directions = directions[directions.any(axis=1)]
+    directions *= 10.0 ** rng.choice([0.0, 0.0, -60.0, 60.0, -120.0, 65.0], (len(directions), 1))
+    oracle, begin = prepare_oracle(mesh), np.array([origin])
+    with zo.prepare(mesh, "exact") as occluder:
+        found, truth = occluder.first_hits(begin, directions), oracle.first_hits(begin, directions)
+    assert (found.face_ids == truth.face_ids).all()
+    assert (found.distances == truth.distances).all()
+    assert (found.face_ids >= 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e71])
+@pytest.mark.parametrize("scattered", [False, True])
+def test_a_bad_direction_among_many(bad: float, scattered: bool) -> None:
+    """Whichever block of rays it is in, and whether or not they are sorted first, it is told."""
+    angles = np.linspace(0.0, 6.0, 20_000)
+    directions = np.stack([np.cos(angles), np.sin(angles), 0.1 * np.cos(40.0 * angles)], axis=1)
+    if scattered:
+        directions = np.random.default_rng(4).permutation(directions)
+    directions[7000] = bad
+    told = pytest.raises(zo.ArgumentError, match=r"^directions must .* row 7000 is ")
+    with zo.prepare(solids.icosphere(2), "exact") as occluder, told:
+        occluder.first_hits([[0.1, 0.2, 0.3]], directions)
+
+
+def test_a_mesh_of_no_face_that_blocks() -> None:
+    line = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    with zo.prepare(line, "exact") as occluder:
+        assert occluder.first_hits([[1, 0, 1]], [[0, 0, -1]]).face_ids.tolist() == [-1]

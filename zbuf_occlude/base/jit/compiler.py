@@ -1,0 +1,300 @@
+"""Decorators of compiled functions, and the folder of compiled code: one for each state of the sources.
+
+numba takes 0.3 s to import. Functions are therefore declared without it, and compiled or loaded at their first call.
+"""
+
+import hashlib
+import importlib.util
+import logging
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, cached_property, update_wrapper
+from pathlib import Path
+from typing import Any
+
+PACKAGE = Path(__file__).parents[2]
+CACHE_KEY_FOLDERS = (
+    "base", "base/jit", "engines/exact", "engines/gl", "engines/object_space", "geometry", "meshes", "visibility",
+    "visibility/methods",
+)  # fmt: skip
+"""Folders of the package whose functions and constants compiled functions of other files use."""
+
+_LOG = logging.getLogger(__name__)
+_lock = threading.Lock()
+
+
+class Kernel:
+    """Function that numba compiles when it, or a compiled function that names it, is first called."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._function, self._options = function, options
+        self._dispatcher: Any = None
+
+    def _declared(self) -> Any:
+        """Return numba's dispatcher."""
+        if self._dispatcher is None:
+            import numba  # late: it takes 0.3 s
+
+            _listen()
+            _define_externals()
+            folder = cache_folder() if self._options.get("cache") else None
+            with _lock, _caching_in(folder):
+                options = {**self._options, "cache": folder is not None}
+                self._dispatcher = self._dispatcher or numba.njit(**options)(self._function)
+        return self._dispatcher
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return self._declared()(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of numba's dispatcher, which numba uses where compiled functions call this one."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._declared(), name)
+
+
+class External:
+    """Function of numbers that compiled functions call by its symbol, so that it is compiled once.
+
+    numba optimises any other function again within each of its callers, at every level of them. For a large function
+    that is seldom called, that takes most of the time of compiling.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: str) -> None:
+        update_wrapper(self, function)  # type: ignore[arg-type]  # it cannot be called in Python
+        self._function, self._signature = function, signature
+        _undefined.append(self)
+
+    @cached_property
+    def _numba_type_(self) -> Any:
+        """Type of the function, once it is compiled or read from the cache and its symbol has its address."""
+        import numba  # late: it takes 0.3 s
+        from llvmlite import binding
+
+        folder = cache_folder()
+        with _caching_in(folder):
+            self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+        symbol = f"{self._function.__module__}.{self._function.__name__}"
+        binding.add_symbol(symbol, self._compiled.address)
+        return numba.types.ExternalFunction(symbol, self._compiled._sig)
+
+
+def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator of functions with a signature of numba's, of float64 and int64 alone."""
+    return lambda function: External(function, signature)
+
+
+_undefined: list[External] = []
+_is_defining = False
+
+
+def _define_externals() -> None:
+    """Define the external functions of all modules so far: compiled code in the cache does not say which it calls."""
+    global _is_defining
+    if not _undefined:
+        return
+    from numba.core.compiler_lock import global_compiler_lock  # late: it takes 0.3 s
+
+    with global_compiler_lock:  # other threads wait here until the symbols are there
+        if _is_defining:  # this thread compiles one, which asks for those that it calls
+            return
+        _is_defining = True
+        try:
+            while _undefined:
+                each = _undefined[0]  # a function calls only those declared before it
+                _ = each._numba_type_
+                _undefined.remove(each)
+        finally:
+            _is_defining = False
+
+
+@contextmanager
+def _caching_in(folder: Path | None) -> Iterator[None]:
+    """Have numba read and keep what is declared within the block in a folder; other packages keep theirs."""
+    import numba  # late: it takes 0.3 s
+
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
+    """Return a decorator that applies `numba.njit` with these options when the function is first needed.
+
+    By default references to arrays are not counted (``_nrt=False``): counting them for each row ``vertices[i]`` of a
+    loop takes 3 % of a dataset's time. A function that allocates needs ``_nrt=True``.
+    """
+    return lambda function: Kernel(function, {"_nrt": False, **options})
+
+
+device_function = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorator of a function that only compiled functions call. Without wrappers, compiling takes 10 % less time."""
+always_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorator of a device function that LLVM copies into its callers."""
+inline_ir = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorator of a device function with one caller, into which numba copies it before type inference, so that nested
+functions are optimised once. The caller's options apply to it, so the caller must not count references either."""
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder of code compiled from these sources for this processor; None if no folder can be written.
+
+    It is a subfolder of NUMBA_CACHE_DIR if that is set. Otherwise it is in the package's ``__pycache__``, in
+    ``~/.cache``, or in a private temporary folder: the first that can be written. A new folder replaces those of other
+    sources. Without a folder each process compiles for itself.
+    """
+    of_place, of_sources = _names()
+    for base in _bases():
+        folder = base / f"{of_place}-{of_sources}"
+        with suppress(OSError):
+            is_new = not folder.exists()
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            if is_new:  # only once the folder is known to be writable
+                for other in set(base.glob(f"{of_place}-*")) - {folder}:
+                    shutil.rmtree(other, ignore_errors=True)
+                _say_once(kept=True)
+            return folder
+    return None
+
+
+def announce() -> None:
+    """Log, once per process, that compiling takes a while."""
+    _say_once(kept=cache_folder() is not None)
+
+
+@cache
+def _say_once(*, kept: bool) -> None:
+    if kept:
+        _LOG.warning("compiling, once: a minute or so of processor time; the next run begins at once")
+    else:
+        _LOG.warning(
+            "compiling, in each run: a minute or so of processor time, because no folder for compiled code can be "
+            "written. Let NUMBA_CACHE_DIR name one."
+        )
+
+
+_listeners: set[Callable[[], None]] = set()
+
+
+def on_compiled(listener: Callable[[], None]) -> None:
+    """Register a listener that is called after each compilation in this process; loading from the cache is none."""
+    _listeners.add(listener)
+
+
+@cache
+def _listen() -> None:
+    """Make numba call `_listeners` after each compilation."""
+    from numba.core import event  # late: numba takes 0.3 s to import
+
+    class Compiled(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, event: Any) -> None:
+            """Do nothing when a compilation starts."""
+
+        def on_end(self, event: Any) -> None:
+            """Call the listeners when a compilation ends."""
+            for listener in _listeners:
+                listener()
+
+    event.register("numba:compile", Compiled())
+
+
+def compiled_before(job: str) -> bool:
+    """Return whether `note_compiled` has recorded that all functions of a job are compiled; makes no folder.
+
+    Only the folder that `cache_folder` would return counts: compiled code in a read-only folder is not used.
+    """
+    name = "-".join(_names())
+    for base in _bases():
+        there = next(folder for folder in (base / name, base, *base.parents) if os.path.exists(folder))
+        if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+            return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
+    return False
+
+
+def note_compiled(job: str) -> None:
+    """Record that all functions of a job are compiled."""
+    if folder := cache_folder():
+        with suppress(OSError):
+            (folder / f"{job}.compiled").touch()
+
+
+@cache
+def _names() -> tuple[str, str]:
+    """Return the parts of the folder's name: a digest of package, Python and processor, and one of the sources."""
+    installation = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    return f"zbuf_occlude-{installation}", _digest(*_sources())
+
+
+def _bases() -> Iterator[Path]:
+    """Yield the folders that may hold the cache, in order of preference."""
+    if given := os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(given)
+    yield PACKAGE / "__pycache__"
+    for home in (os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache")):
+        if os.path.isabs(home):  # "~" is not expanded for a user without a home
+            yield Path(home, "zbuf_occlude")
+            break
+    if hasattr(os, "getuid"):
+        private = Path(tempfile.gettempdir(), f"zbuf_occlude-{os.getuid()}")
+        with suppress(OSError):
+            private.mkdir(mode=0o700, exist_ok=True)
+            status = private.lstat()
+            if status.st_uid == os.getuid() and status.st_mode & 0o077 == 0:  # no other user can have put code there
+                yield private
+
+
+def _sources() -> Iterator[bytes]:
+    """Yield the inputs of compiled code: the sources of `CACHE_KEY_FOLDERS`, and numba's time of installation."""
+    numba = importlib.util.find_spec("numba")
+    if numba is not None and numba.origin:
+        # the real path: an environment may be reached through a link
+        yield f"{os.path.realpath(numba.origin)} {os.stat(numba.origin).st_mtime_ns}".encode()
+    for room in CACHE_KEY_FOLDERS:
+        for source in sorted((PACKAGE / room).glob("*.py")):
+            yield source.name.encode(errors="surrogateescape")
+            yield source.read_bytes()
+
+
+def _processor() -> str:
+    """Return the model of the processor, as Linux describes it, without what differs between its cores."""
+    keys = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
+    with suppress(OSError), open("/proc/cpuinfo") as file:
+        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(keys))
+    import platform  # late: only other systems need it
+
+    return platform.processor()
+
+
+def _digest(*parts: str | bytes | None) -> str:
+    found = hashlib.sha1()
+    for part in parts:
+        found.update(b"%b\0" % (part if isinstance(part, bytes) else str(part).encode(errors="surrogateescape")))
+    return found.hexdigest()[:12]
+
+
+@contextmanager
+def without_scipy() -> Iterator[None]:
+    """Hide scipy from numba and trimesh within the block, in a process of this package's own.
+
+    Before its first function numba imports scipy, for 0.15 s, to find BLAS, which no function here uses. A trimesh
+    that is imported within the block stays without scipy: call nothing of it that needs scipy.
+    """
+    hidden = "scipy" not in sys.modules
+    if hidden:
+        sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules["scipy"]

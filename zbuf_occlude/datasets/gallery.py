@@ -1,0 +1,273 @@
+"""Pictures of a dataset: the contact sheet (Figs. 10-11), and the gallery, a page where clouds are turned by hand.
+
+The contact sheet shows some clouds from a fixed viewpoint and from their own camera's. The gallery is one
+self-contained HTML page, classes x views.
+"""
+
+import html
+from colorsys import hsv_to_rgb
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import escape_control
+from zbuf_occlude.datasets.records import Records
+from zbuf_occlude.datasets.source import CloudReader
+from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
+from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud
+from zbuf_occlude.views import Views
+
+if find_spec("PIL") is not None:
+    import_module("PIL.ImageDraw")  # while workers begin, not in the end, when nothing else is done
+
+COLUMNS = 8
+"""Clouds of the contact sheet."""
+LOOKED_THROUGH, CONSIDERED = 256, 2048
+"""Clouds of each split among which those of the sheet, and of the gallery, are chosen."""
+FIXED = Views(np.radians([35.0]), np.radians([25.0]), np.array([4.0])).eyes[0]
+"""The fixed viewpoint, about a cloud whose longest side is 1."""
+TELLING_ANGLE = np.radians(115.0)
+"""Between camera and fixed viewpoint: far enough round to show that the far side is missing."""
+PANEL, TITLE = 240, 26
+"""Pixels of a cloud's picture, each side, and of the height of a line above it."""
+MARGIN = 1.08
+FINER = 3
+"""Pixels are painted this many times finer, then averaged, so that marks are round."""
+A_POINT = 110 / 72
+"""Pixels of a typographic point."""
+BLACK, GREY, GHOST = (0, 0, 0), (90, 90, 90), (222, 222, 222)
+GHOST_POINTS = 1000
+"""Maximum number of hidden points drawn."""
+
+VIEWS, POINTS = 6, 2048
+"""Clouds of each class in the gallery, and at most this many points of each."""
+RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
+"""From low to high: blue, green, red."""
+LEVELS = (6, 6, 6)
+"""Number of levels of red, green and blue in the page; grey is among the colours."""
+PAINTS = [
+    tuple(np.round(255 * np.array(each) / (np.array(LEVELS) - 1)).astype(int).tolist()) for each in np.ndindex(LEVELS)
+]
+COLOURS = (
+    (61, 111, 180), (213, 94, 0), (0, 140, 105), (176, 96, 150), (150, 120, 20), (70, 150, 200), (180, 60, 60),
+    (110, 110, 120),
+)  # fmt: skip
+
+
+def write_contact_sheet(path: Path, source: CloudReader) -> bool:
+    """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
+
+    Where all points of the objects are kept, hidden points are drawn pale behind. Return whether the sheet was drawn:
+    without Pillow (extra `report`) there is none.
+    """
+    if find_spec("PIL") is None:
+        return False
+    from PIL import Image, ImageDraw  # late: Pillow is an extra
+
+    classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
+    clouds = _clouds_of_all_classes(source)
+    labels = clouds["label"][:, 0]
+    shown = _telling(labels, clouds["pose"])
+    picture = Image.new("RGB", (len(shown) * PANEL, 2 * (TITLE + PANEL)), "white")
+    for column, index in enumerate(shown):
+        positions, camera, up, ghost = upright(clouds[index], in_camera_frame, hidden_part(clouds[index], source))
+        values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
+        for row, (eye, above, behind) in enumerate(((FIXED, None, ghost), (camera, up, ghost[:0]))):
+            panel = _drawn(positions, eye, above, values, behind)
+            finer = Image.frombuffer("RGBX", panel.shape, panel, "raw", "RGBX", 0, 1)
+            picture.paste(finer.reduce(FINER).convert("RGB"), (column * PANEL, _top(row)))
+    draw = ImageDraw.Draw(picture)
+    for column, index in enumerate(shown):
+        azimuth, elevation = np.degrees(clouds[index]["view"][:2])
+        lines = (
+            (classes[labels[index]], 15, BLACK),
+            (f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°", 12, GREY),
+        )
+        for row, (line, size, colour) in enumerate(lines):
+            text, font = _written(line, size)
+            draw.text(((column + 0.5) * PANEL, _top(row) - TITLE / 2), text, colour, font, anchor="mm")
+    atomic.write(path, lambda file: picture.save(file, format="PNG"))
+    return True
+
+
+def _clouds_of_all_classes(source: CloudReader) -> Records:
+    """Return the first clouds of the first split, and of further splits until all classes are met."""
+    clouds: list[Records] = []
+    for split in source.order:
+        clouds.extend(islice(source.batches(split, LOOKED_THROUGH), 1))
+        if len(np.unique(np.concatenate([some["label"] for some in clouds]))) == len(source.plan.classes):
+            break
+    return np.concatenate(clouds)
+
+
+def _top(row: int) -> int:
+    """Return the top of the panels of a row, in pixels."""
+    return TITLE + row * (TITLE + PANEL)
+
+
+def _drawn(
+    positions: FloatArray, eye: FloatArray, up: FloatArray | None, values: FloatArray | None, ghost: FloatArray
+) -> NDArray[np.uint32]:
+    """Return the picture of a cloud, RGBA, `FINER` times as fine as it will be."""
+    panel = np.full((PANEL * FINER, PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
+    places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
+    behind, _ = marks_of(ghost, eye=eye, target=np.zeros(3), up=up)
+    middle, half = picture_frame(np.concatenate([places, behind]), None)
+    half *= MARGIN
+    diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
+    for some, tints in ((behind, np.broadcast_to(np.array(GHOST) / 255.0, (len(behind), 3))), (places, colours)):
+        paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
+    return panel
+
+
+def _written(text: str, size: int) -> tuple[str, Any]:
+    """Return a text and a font that has its characters, of a size at which it fits; else the text as Python escapes."""
+    from PIL import ImageFont
+
+    file: str | None = None
+    font: Any
+    if not text.replace("°", "").isascii() and find_spec("matplotlib") is not None:
+        from zbuf_occlude.drawing.pictures import font_file_for  # late: matplotlib takes half a second
+
+        file = font_file_for(text)
+    if file is None:
+        text, font = text.encode("latin-1", "backslashreplace").decode("latin-1"), ImageFont.load_default(size)
+    else:
+        font = ImageFont.truetype(file, size)
+    fits = (PANEL - 10) / max(font.getlength(text), 1.0)
+    return text, font if fits >= 1.0 else font.font_variant(size=max(6, int(size * fits)))
+
+
+def _telling(labels: NDArray[Any], poses: FloatArray) -> list[int]:
+    """Choose a cloud of each class whose camera stands far round from the fixed viewpoint, not too high or low."""
+    towards = poses[:, 2, :3]  # the third row of a view matrix points from the target to the eye
+    angle = np.arccos(np.clip(towards @ (FIXED / np.linalg.norm(FIXED)), -1, 1))
+    awkward = np.abs(angle - TELLING_ANGLE) + np.maximum(0, np.abs(np.arcsin(np.clip(towards[:, 2], -1, 1))) - 0.8)
+    present = np.unique(labels)
+    picked = present[np.linspace(0, len(present) - 1, min(COLUMNS, len(present))).astype(int)]
+    return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
+
+
+def hidden_part(record: Any, source: CloudReader) -> FloatArray:
+    """Return points (m, 3) of a cloud's object that its camera does not see, world space; none where none are kept."""
+    if source.block is None or source.plan.recipe.setup is not None:
+        return np.empty((0, 3))
+    block = source.block(int(record["mesh_id"]), int(record["variation"]))
+    hidden = np.flatnonzero(~block.mask[int(record["view_id"])])
+    return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
+
+
+def upright(
+    cloud: Any, in_camera_frame: bool, hidden: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a cloud in the object's axes, centred, longest side 1; camera position and up, and `hidden`, there."""
+    pose, positions = cloud["pose"], cloud["data"] / cloud["factor"] + cloud["centre"]
+    rotation, translation = pose[:3, :3], pose[:3, 3]
+    if in_camera_frame:
+        positions = (positions - translation) @ rotation
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
+    eye = -rotation.T @ translation
+    return (positions - centre) / longest, (eye - centre) / longest, rotation[1], (hidden - centre) / longest
+
+
+def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], folder: Path) -> None:
+    """Write the page of a dataset in a folder, which has this manifest."""
+    classes = source.plan.classes
+    considered = np.concatenate([next(source.batches(split, CONSIDERED)) for split in source.order])
+    rows = []
+    for label in np.unique(considered["label"]):
+        chosen = _far_apart(considered[considered["label"][:, 0] == label])
+        clouds = [_packed(record, source, COLOURS[int(label) % len(COLOURS)]) for record in chosen]
+        rows.append({"name": classes[label], "clouds": clouds})
+    counts, error = manifest["counts"], manifest["error"]
+    n_meshes = counts["meshes"] - counts["meshes_failed"]
+    facts = [
+        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(source.plan.meshes.classes)} classes",
+        f"{counts['views']} views x {counts['variations']} variations",
+        f"method {manifest['options']['method']}, renderer {manifest['renderer']}",
+        f"seed {manifest['seed']}",
+    ]
+    if error["n_checked"]:
+        facts.append(
+            f"against the oracle on {error['n_checked']:,} pairs: {error['false_visible']:.3%} false visible, "
+            f"{error['false_hidden']:.3%} false hidden"
+        )
+    page = Template(asset("gallery.html")).substitute(
+        title=html.escape(escape_control(f"Occluded point clouds: {folder.absolute().name}")),
+        style=asset("page.css"),
+        facts=html.escape(escape_control("; ".join(facts)) + "."),
+        viewer_script=asset("cloud_viewer.js"),
+        data=json_for_page({"classes": rows}),
+        page_script=asset("gallery.js"),
+    )
+    atomic.write(path, lambda file: file.write(page.encode()))
+
+
+def _far_apart(records: Records) -> Records:
+    """Choose clouds of the object of a class that has the most here, from directions far apart, highest first."""
+    meshes, counts = np.unique(records["mesh_id"], return_counts=True)
+    own = records[records["mesh_id"] == meshes[counts.argmax()]]
+    towards = own["pose"][:, 2, :3]  # the third row of a view matrix points from the target to the eye
+    chosen = [int(np.abs(towards[:, 2] - 0.5).argmin())]
+    distance: FloatArray = np.full(len(own), np.inf)
+    while len(chosen) < min(VIEWS, len(own)):
+        distance = np.minimum(distance, np.linalg.norm(towards - towards[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    picked = own[chosen]
+    return np.asarray(picked[np.argsort(-picked["view"][:, 1], kind="stable")])
+
+
+def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> dict[str, Any]:
+    in_camera_frame = source.plan.recipe.frame == "camera"
+    positions, eye, _, ghost = upright(record, in_camera_frame, hidden_part(record, source))
+    positions, normals = positions[:POINTS], None
+    line = np.linspace(0.4, 0.56, 24)[:, None] * (eye / max(float(np.linalg.norm(eye)), 1e-9))  # towards the camera
+    if "normals" in source.plan.recipe.attributes:
+        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if in_camera_frame else np.eye(3))
+        normals = np.concatenate([normals, np.zeros((len(ghost) + len(line), 3))])
+    codes = np.repeat([0, 1, 2], [len(positions), len(ghost), len(line)])
+    azimuth, elevation = np.degrees(record["view"][:2])
+    return {
+        **pack_cloud(
+            np.concatenate([positions, ghost, line]),
+            centre=np.zeros(3),
+            longest=1.0,
+            palette=[colour, GHOST, BLACK],
+            codes=codes,
+            normals=normals,
+        ),
+        "n_own": len(positions),
+        "mesh": source.plan.meshes[int(record["mesh_id"])].key,
+        "variation": int(record["variation"]),
+        "azimuth": round(float(azimuth) % 360, 2),
+        "elevation": round(float(elevation), 2),
+        "n_visible": int(record["n_visible"]),
+        "visible_fraction": float(record["visible_fraction"]),
+        "colourings": _colourings(record),
+    }
+
+
+def _colourings(record: Any) -> dict[str, Any]:
+    """Return for each thing that points may be coloured by their codes and what these look like."""
+    found, names = {}, record.dtype.names
+    if "color" in names:
+        levels = np.round(record["color"][:POINTS] / 255.0 * (np.array(LEVELS) - 1)).astype(int)
+        found["own colour"] = coloured(np.ravel_multi_index(levels.T, LEVELS), PAINTS)
+    if "range" not in names:
+        return found
+    for name in ("range", "incidence", "ring"):
+        values = record[name][:POINTS].astype(float)
+        low, high = values.min(), values.max()
+        codes = np.round((values - low) / max(high - low, 1e-9) * (len(RAINBOW) - 1))
+        found[name] = coloured(codes, RAINBOW)
+    found["instance"] = coloured(record["instance"][:POINTS] % len(COLOURS), list(COLOURS))
+    return found

@@ -1,0 +1,321 @@
+"""The flow for one mesh: surface points -> views -> visibility mask; or places of a sensor -> first hits."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.provenance import seed_of
+from zbuf_occlude.datasets.counts import BAD_VIEW, FEW, QualityCounts, WorstView
+from zbuf_occlude.datasets.plan import BOXES, DatasetConfig, Plan
+from zbuf_occlude.datasets.records import ScanPoints, further_fields
+from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.far_faces import far_faces
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.sampling import SurfacePoints, curve_order, sample_surface
+from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
+from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, n_raised, sensor_views
+from zbuf_occlude.sensors.casting import cast, prepare_scene
+from zbuf_occlude.sensors.emptiness import why_empty
+from zbuf_occlude.sensors.returns import SCAN_COLUMNS, Scan
+from zbuf_occlude.sensors.scenes.scene import Scene
+from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import CONTACT, contact_advice
+
+CHECKED_POINTS = 64
+"""Minimum number of checked points of a checked view, where it has as many."""
+
+MOST_TESTS = 1_000_000_000
+"""Maximum of checked pairs times faces for one sampling: about a second of the oracle's time."""
+
+CHECKED_SCANS = 4
+"""Maximum number of checked scans of a variation; fewer where there are many meshes (`Plan.n_checked`)."""
+
+
+IN_ONE_PLACE = "all points that it sees are in one place"
+"""Reason for leaving out a cloud that would be the origin alone when centred and scaled."""
+
+SCAN_ARRAYS = {each.name: each.attribute for each in SCAN_COLUMNS}
+"""Attribute of a `Scan` for each field of a record that has a row per point, except colours."""
+
+_LOG = logging.getLogger(__name__)
+
+
+class Sampling(NamedTuple):
+    """One sampling of a mesh, and the points that each view sees."""
+
+    points: SurfacePoints  # n; of scans those of all views, one after the other
+    mask: BoolArray  # (k, n): points that each view sees
+    views: Views  # k, world units
+    counts: QualityCounts  # of its clouds, and of what was asked again of the oracle
+    renderer: str  # "none" without OpenGL
+    blank: Mapping[int, str] = MappingProxyType({})  # views without a cloud, and why
+
+
+def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
+    """Yield the samplings, or the scans, of a mesh, variation by variation.
+
+    All randomness comes from the mesh's key and the recipe's seed.
+    """
+    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
+    if setup is not None:
+        return _scan(mesh, entry.label, setup, plan, entry.key)
+    return _occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
+
+
+def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
+    views = views.around(mesh.centre, mesh.longest_side)
+    with ExitStack() as stack:
+        occluder, renderer = None, "none"
+        if not recipe.complete:
+            options = dict(recipe.method_options or {})
+            # the manifest counts views inside the mesh and meshes with far faces
+            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, warn=False, **options))
+            renderer = occluder.renderer
+        for variation in range(recipe.variations):
+            points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), QualityCounts()
+            if occluder is None:
+                mask = np.ones((len(views), len(points)), dtype=bool)
+            else:
+                mask = occluder.visible(points, views.eyes)
+                rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
+                counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
+                if variation == 0:
+                    counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
+            if views.fov_bounds is not None:
+                mask = mask & views.in_frustum(points.positions)
+            n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
+            n_distinct, blank = n_visible.copy(), dict[int, str]()
+            for view in np.flatnonzero(n_visible < FEW).tolist():
+                n_distinct[view] = count_distinct(points.positions[mask[view]])
+                if n_distinct[view] < 2:
+                    blank[view] = "it sees none of the points" if n_visible[view] == 0 else IN_ONE_PLACE
+                    mask[view], n_visible[view] = False, 0
+            yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, recipe), renderer, blank)
+
+
+def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: DatasetConfig) -> QualityCounts:
+    """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more."""
+    return QualityCounts(
+        n_clouds=int((n_visible > 0).sum()),
+        n_blind_views=int((n_visible == 0).sum()),
+        n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
+        n_few=int(((n_visible > 0) & (n_distinct < FEW)).sum()),
+    )
+
+
+def count_distinct(positions: FloatArray) -> int:
+    """Count the distinct among some positions (n, 3), or `FEW` where as many are among the first."""
+    first = len(np.unique(positions[: 4 * FEW], axis=0))
+    return first if first >= FEW or len(positions) <= 4 * FEW else len(np.unique(positions, axis=0))
+
+
+def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:
+    """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
+
+    The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory,
+    which makes every method fast and packed datasets small. (The order within a cloud is random all the same.)
+    """
+    if recipe.density is None:
+        points = sample_surface(mesh, n_points=recipe.n_points, seed=seed)
+    else:
+        points = sample_surface(mesh, density=recipe.density / mesh.longest_side**2, seed=seed)
+        if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
+            points = sample_surface(mesh, n_points=1, seed=seed)
+    return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
+
+
+def count_mesh(mesh: Mesh, recipe: DatasetConfig) -> QualityCounts:
+    """Count dropped faces, far faces, and missing colours or windows; the log names them."""
+    lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
+    for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
+        _LOG.warning("%s: %s", mesh.name, reason)
+    shares = {} if recipe.setup is None else recipe.setup.transparent
+    opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).transmittance.any())
+    keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
+    far = far_faces(mesh) if keeps_contact else None
+    if far is not None:
+        _LOG.warning("%s. %s", far.summary(mesh), contact_advice(far, mesh))
+    return QualityCounts(
+        faces_dropped=mesh.dropped,
+        n_without_colors=int(lacking),
+        n_without_windows=int(opaque),
+        n_with_far_faces=int(far is not None),
+    )
+
+
+def check(
+    mesh: Mesh,
+    points: SurfacePoints,
+    views: Views,
+    mask: BoolArray,
+    rng: np.random.Generator,
+    n_checked: int,
+    place: WorstView,
+) -> QualityCounts:
+    """Compare a random few of the answers with the oracle's, and count the differences view by view.
+
+    At least one view is checked, with `CHECKED_POINTS` points or more each; `place` names mesh and variation.
+    """
+    n_pairs = min(n_checked, max(CHECKED_POINTS, MOST_TESTS // len(mesh.faces)))
+    n_views = min(max(1, n_pairs // CHECKED_POINTS), len(views))
+    some_views = rng.choice(len(views), n_views, replace=False)
+    some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
+    with prepare(mesh, "oracle", warn=False) as oracle:
+        truth = oracle.visible(points.select(some_points), views.eyes[some_views])
+    answer = mask[np.ix_(some_views, some_points)]
+    shares = (answer != truth).mean(axis=1)
+    worst = int(shares.argmax())
+    return QualityCounts(
+        n_checked=truth.size,
+        false_visible=int((answer & ~truth).sum()),
+        false_hidden=int((~answer & truth).sum()),
+        n_views_checked=len(truth),
+        n_bad_views=int((shares > BAD_VIEW).sum()),
+        worst=place._replace(share=float(shares[worst]), view=int(some_views[worst])),
+    )
+
+
+def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
+    """Yield the scans of a mesh; for complete clouds the whole object, without a scan.
+
+    A checked pair (`QualityCounts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
+    """
+    recipe = plan.recipe
+    standing, size = in_metres(mesh, label, setup)
+    floor = float(standing.bounds[0, 2])
+    for variation in range(recipe.variations):
+        seeds = partial(_seed, recipe.seed, key, variation)
+        places = _places(mesh, size, floor, setup, plan, key, seeds)
+        raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, setup))
+        if recipe.complete:
+            whole = standing_points(mesh, label, recipe, key, variation)
+            mask = np.ones((len(places), len(whole)), dtype=bool)
+            n_visible = mask.sum(axis=1)
+            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, recipe), "none")
+            continue
+        rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
+        n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
+        checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
+        found, counts, renderer, blank = list[tuple[Scan, dict[str, Any]]](), raised, "none", dict[int, str]()
+        n_distinct = np.empty(len(places), np.intp)
+        for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
+            renderer = capture.occluder.renderer
+            if number in checked and len(capture.scan):
+                counts += _check_rays(capture, rng, key, variation, number)
+            facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
+            facts |= _boxes(capture, label, recipe)
+            scan = capture.scan
+            counts += QualityCounts.of_cut(*capture.cut)
+            n_distinct[number] = count_distinct(scan.positions)
+            if n_distinct[number] < 2:
+                sensor = setup.sensor_of(places, number)
+                of_all = setup.keep == "all"
+                blank[number] = IN_ONE_PLACE if len(scan) else why_empty(capture, sensor, setup.method, of_all).reason
+                scan = scan.select(np.empty(0, np.intp))
+            found.append((scan, facts))
+        scans = [scan for scan, _ in found]
+        face_ids = np.concatenate([np.where(scan.instances == 0, scan.face_ids, -1) for scan in scans])
+        points = ScanPoints(
+            np.concatenate([scan.positions for scan in scans]),
+            face_ids,
+            np.concatenate([scan.normals for scan in scans]),
+            columns={
+                name: np.concatenate([_column(name, scan, mesh, standing) for scan in scans])
+                for name in further_fields(recipe)
+            },
+            facts={name: np.array([facts[name] for _, facts in found]) for name in found[0][1]},
+        )
+        lengths = np.array([len(scan) for scan in scans])
+        mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
+        counts += count_clouds(lengths, n_distinct, recipe)
+        counts += QualityCounts(n_inside=int(standing.in_box(places.eyes).sum()))
+        yield Sampling(points, mask, places, counts, renderer, blank)
+
+
+def _places(mesh: Mesh, size: float, floor: float, setup: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
+    """Return the positions of the sensor about a mesh that is `size` metres long."""
+    views = plan.views_of(key)
+    if views.rotations is not None:  # cameras of a file, which stand where the mesh is
+        eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
+        views = Views.from_cameras(eyes, views.rotations, views.fov_bounds, sizes=views.sizes)
+    return sensor_views(views, size, floor, setup, seeds)
+
+
+def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
+    """Yield the whole scene that each view of a variation of a mesh scans; MeshError where its file has changed."""
+    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
+    assert setup is not None
+    mesh = entry.load()
+    standing, size = in_metres(mesh, entry.label, setup)
+    floor, seeds = float(standing.bounds[0, 2]), partial(_seed, plan.recipe.seed, entry.key, variation)
+    places = _places(mesh, size, floor, setup, plan, entry.key, seeds)
+    return captured_scenes(standing, setup, places, floor, seeds, plan.pool)
+
+
+def _boxes(capture: Capture, label: str, recipe: DatasetConfig) -> dict[str, Any]:
+    """Return the fields of the attribute boxes; `label` is the target's."""
+    if BOXES not in recipe.attributes or recipe.setup is None:
+        return {}
+    boxes = np.zeros(recipe.setup.most_objects, BOX)
+    boxes[: len(capture.scene.placed)], picture = boxes_of(capture.scene, capture.occluder, capture.pose, capture.scan)
+    boxes["label"][0] = as_label(label)
+    return {"boxes": boxes, "picture": picture}
+
+
+def standing_points(mesh: Mesh, label: str, recipe: DatasetConfig, key: str, variation: int) -> ScanPoints:
+    """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
+    assert recipe.setup is not None
+    points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
+    _, size = in_metres(mesh, label, recipe.setup)
+    positions = (points.positions - mesh.centre) * (size / mesh.longest_side)
+    return ScanPoints(positions, points.face_ids, points.normals, points.colors, facts={"size": np.array([size])})
+
+
+def _column(name: str, scan: Scan, mesh: Mesh, standing: Mesh) -> NDArray[Any]:
+    return _colors_met(scan, mesh, standing) if name == "color" else np.asarray(getattr(scan, SCAN_ARRAYS[name]))
+
+
+def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
+    """Return the colours (n, 3) of the points where a scan's rays met the target; other points are grey."""
+    colors = np.full((len(scan), 3), GREY, dtype=np.uint8)
+    mine = np.flatnonzero(scan.instances == 0)
+    if mesh.colors is not None and len(mine):
+        face_ids = scan.face_ids[mine]
+        met = scan.starts[mine] + scan.clean_ranges[mine, None] * scan.directions[mine]
+        colors[mine] = mesh.colors.at(face_ids, barycentric(standing.corners[face_ids], met))
+    return colors
+
+
+def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> QualityCounts:
+    """Compare a random few of a scan's rays with the oracle's answers, and count the differences."""
+    scan = capture.scan
+    some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
+    starts, directions = scan.starts[some], scan.directions[some]
+    found = cast(capture.occluder, starts, directions, scan.times[some]).distances[:, 0]
+    with prepare_scene(capture.scene, "oracle") as oracle:
+        truth = cast(oracle, starts, directions, scan.times[some]).distances[:, 0]
+    within = CONTACT * capture.scene.mesh.diagonal
+    with np.errstate(invalid="ignore"):  # both miss
+        behind, before = found - truth > within, truth - found > within
+    share = float((behind | before).mean())
+    return QualityCounts(
+        n_checked=len(truth),
+        false_visible=int(behind.sum()),
+        false_hidden=int(before.sum()),
+        n_views_checked=1,
+        n_bad_views=int(share > BAD_VIEW),
+        worst=WorstView(share, key, variation, view),
+    )
+
+
+def _seed(seed: int, key: str, variation: int, what: str, view: int) -> np.random.SeedSequence:
+    return seed_of(seed, f"{key}/{what}", variation, view)

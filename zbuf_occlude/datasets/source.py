@@ -1,0 +1,158 @@
+"""Readers of the clouds of a dataset: records by number, in the order of the files."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.base.arrays import BoolArray
+from zbuf_occlude.base.atomic import REMEDY, reading
+from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.datasets.folder import read_finished
+from zbuf_occlude.datasets.formats import find_format
+from zbuf_occlude.datasets.plan import DatasetConfig, Numbers, Plan
+from zbuf_occlude.datasets.records import IDS, Records, record_type
+from zbuf_occlude.meshes.sampling import SurfacePoints
+from zbuf_occlude.views import Views
+
+
+class StoredSampling(NamedTuple):
+    """One stored sampling of a mesh, or its scans and a sampling.
+
+    `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
+    rounded. Views are in world units, of scans in metres. Normals of `whole` that are not kept are zero.
+    """
+
+    points: SurfacePoints
+    mask: BoolArray
+    views: Views
+    whole: SurfacePoints
+
+
+@dataclass(frozen=True, eq=False)
+class CloudReader:
+    """Reader of the clouds of a dataset. Each cloud has a number."""
+
+    plan: Plan
+    order: dict[str, Numbers]
+    """The numbers of each split's clouds in the order of its files; splits without clouds are not there."""
+    take: Callable[[Numbers], Records]
+    """Returns the records (`record_type`) of some numbers, in the order of the numbers."""
+    blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
+    """Returns for each number the block whose clouds are quickly read together; None where neighbours are."""
+    complete: Callable[[int, int], Any] | None = None
+    """Returns a record of an object's whole surface, from its mesh's index and a number of points; None where only the
+    points drawn are kept."""
+    block: Callable[[int, int], StoredSampling] | None = None
+    """Returns a sampling, from its mesh's index and variation; where `complete` is."""
+    sizes: Mapping[str, list[int]] = field(default_factory=dict)
+    """Number of clouds of each file that is written of them; `Plan.clouds_per_file` by default."""
+    ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
+    """Returns what each cloud is of, (n,) of `IDS`, by its number."""
+
+    @property
+    def n_clouds(self) -> dict[str, int]:
+        """Clouds of each split."""
+        return {split: len(numbers) for split, numbers in self.order.items()}
+
+    def files(self, split: str) -> Iterator[tuple[int, Numbers]]:
+        """Yield the number and the clouds of each file that a split's are to fill; empty files are left out."""
+        numbers = self.order[split]
+        full = self.plan.clouds_per_file
+        sizes = self.sizes.get(split) or [full] * -(-len(numbers) // full)
+        for number, (end, size) in enumerate(zip(np.cumsum(sizes).tolist(), sizes, strict=True)):
+            if size:
+                yield number, numbers[end - size : end]
+
+    def batches(self, split: str, size: int | None = None, *, in_any_order: bool = False) -> Iterator[Records]:
+        """Yield the records of a split, `size` or a full file's at a time; `in_any_order` in the fastest read one."""
+        numbers, size = self.order[split], size or self.plan.clouds_per_file
+        if in_any_order and (blocks := self.blocks_of(numbers)) is not None:
+            numbers = numbers[np.argsort(blocks, kind="stable")]
+        for start in range(0, len(numbers), size):
+            yield self.take(numbers[start : start + size])
+
+
+def open_dataset(folder: Path, recipe: DatasetConfig | None = None) -> CloudReader:
+    """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError.
+
+    Those of a packed one are drawn by another `recipe`, where one is given; the recipe of no other can change.
+    """
+    plan, manifest = read_finished(folder)
+    if recipe is not None:
+        assert find_format(plan.format).whole_objects
+        plan = replace(plan, recipe=recipe)
+    row = find_format(plan.format)
+    if row.exported_from:
+        raise DatasetError(
+            f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
+            f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
+        )
+    source: CloudReader = row.load().read(folder, plan, manifest["files"])
+    if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
+        raise DatasetError(
+            f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"
+        )
+    return source
+
+
+def kept(whole: Callable[[Path], Records]) -> Callable[[Path, Numbers], Records]:
+    """Return a `load` for `source_of_files` that reads files whole and keeps the last one in memory."""
+    last = lru_cache(maxsize=1)(whole)
+    return lambda path, rows: last(path)[rows]
+
+
+def source_of_files(
+    plan: Plan,
+    out: Path,
+    files: Mapping[str, list[str]],
+    count: Callable[[Path], int],
+    load: Callable[[Path, Numbers], Records],
+    *,
+    read_ids: Callable[[Path], NDArray[Any]] | None = None,
+) -> CloudReader:
+    """Return a source over files of a folder, by split, that hold records; one that cannot be read is a DatasetError.
+
+    `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
+    `read_ids` what its clouds are of, (n,) of `IDS`, by default by loading them.
+    """
+    paths, sizes, order = list[Path](), list[int](), dict[str, Numbers]()
+    for split, names in files.items():
+        begin = sum(sizes)
+        for name in names:
+            paths.append(out / name)
+            with reading(paths[-1]):
+                sizes.append(count(paths[-1]))
+        order[split] = np.arange(begin, sum(sizes))
+    ends = np.cumsum(sizes)
+
+    def take(numbers: Numbers) -> Records:
+        owners = np.searchsorted(ends, numbers, side="right")
+        records = np.empty(len(numbers), record_type(plan.recipe))
+        for owner in np.unique(owners):
+            mine = owners == owner
+            with reading(paths[owner]):
+                records[mine] = load(paths[owner], numbers[mine] - (ends[owner] - sizes[owner]))
+                for name, n in (("label", len(plan.classes)), ("mesh_id", len(plan.meshes))):
+                    found = records[name][mine]
+                    if (strange := found[(found < 0) | (found >= n)]).size:
+                        raise ValueError(f"{name} {strange.flat[0]}, where there are {n}")
+        return records
+
+    def ids() -> NDArray[Any]:
+        found = np.empty(sum(sizes), IDS)
+        for path, end, size in zip(paths, ends.tolist(), sizes, strict=True):
+            with reading(path):
+                whole = load(path, np.arange(size)) if read_ids is None else read_ids(path)
+            for name in IDS.names or ():
+                found[name][end - size : end] = whole[name]
+        return found
+
+    n_files = iter(sizes)
+    return CloudReader(
+        plan, order, take, sizes={split: [next(n_files) for _ in files[split]] for split in files}, ids=ids
+    )

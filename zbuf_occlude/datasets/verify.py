@@ -1,0 +1,269 @@
+"""Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.base.provenance import MeshSource
+from zbuf_occlude.datasets.counts import interval
+from zbuf_occlude.datasets.folder import read_finished, sha256_of
+from zbuf_occlude.datasets.formats import find_format
+from zbuf_occlude.datasets.pipeline import samplings
+from zbuf_occlude.datasets.plan import Plan
+from zbuf_occlude.datasets.records import Records, gather_clouds
+from zbuf_occlude.datasets.source import CloudReader
+from zbuf_occlude.datasets.workers import Run, run_here
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.meshes.sampling import SurfacePoints
+
+ASKED_FILES = 64
+"""Maximum number of files, chosen at random, whose clouds are checked against their meshes."""
+POINTS_PER_CLOUD = 64
+"""Number of points of each checked cloud that the oracle checks."""
+ROUNDING = 0.002
+"""Fraction of false visible that rounding of positions may add outside the boundary band."""
+DEVIATIONS = 5.0
+"""Number of standard deviations that a measured fraction may exceed the manifest's by."""
+
+
+@dataclass
+class Verdict:
+    """Result of a verification."""
+
+    n_files: int  # read whole
+    n_clouds: int  # read; of an export none
+    n_checked: int  # points asked again of the oracle; 0 when the meshes were not at hand
+    false_visible: float | None  # the fraction of them that the oracle says are hidden
+    faults: list[str]  # one line each; empty: the dataset is what its manifest says
+
+
+class FileVerdict(NamedTuple):
+    """The faults of a file, and the clouds of each split that were read in it."""
+
+    faults: list[str]
+    n_clouds: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class VerifyTask:
+    """The task of verifying a dataset: a job is the name of a file, its checksum and then its clouds.
+
+    `files` by split and `sha256` are as in the manifest; of an export `files` is empty.
+    """
+
+    plan: Plan
+    out: Path
+    files: Mapping[str, list[str]]
+    sha256: Mapping[str, str]
+
+    needs_gl = False
+
+    def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> FileVerdict:
+        """Verify a file."""
+        if not (self.out / job).is_file():
+            return FileVerdict([f"{job} must be there; it is missing."], {})
+        try:
+            if (digest := sha256_of(self.out / job)) != self.sha256[job]:
+                fault = f"{job} must have the checksum {self.sha256[job][:12]}...; it has {digest[:12]}..."
+                return FileVerdict([fault], {})
+            files = {split: [job] for split, names in self.files.items() if job in names}
+            return self._read(files) if files else FileVerdict([], {})
+        except DatasetError as error:  # it was written so, or else the checksum would differ
+            return FileVerdict([str(error)], {})
+        except OSError as error:
+            return FileVerdict([f"{job} must be readable; it is not ({error.strerror or error})."], {})
+
+    def _read(self, files: Mapping[str, list[str]]) -> FileVerdict:
+        """Read every cloud of a file; report those that cannot be clouds of this dataset."""
+        source: CloudReader = find_format(self.plan.format).load().read(self.out, self.plan, files)
+        faults, n_clouds = [], Counter[str]()
+        for split in source.order:
+            for records in source.batches(split, in_any_order=True):
+                n_clouds[split] += len(records)
+                if not np.isfinite(np.concatenate(records["data"])).all():
+                    faults.append(f"all positions must be finite; some of split {split} are not.")
+                if "normals" in self.plan.recipe.attributes:
+                    lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
+                    if not (np.abs(lengths - 1.0) < 1e-3).all():
+                        faults.append(f"all normals must be of length 1; some of split {split} are not.")
+                if records["n_visible"].min() < 1:
+                    faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
+        return FileVerdict(faults, n_clouds)
+
+
+def verify(
+    out: Path,
+    meshes: MeshCollection | None,
+    *,
+    n_samples: int = 50,
+    run: Run | None = None,
+    share: tuple[int, int] = (0, 1),
+    progress: Callable[[int], None] = lambda n: None,
+) -> Verdict:
+    """Check a finished dataset against its manifest and, where its meshes are at hand, against the oracle.
+
+    Parameters
+    ----------
+    out : Path
+    meshes : MeshCollection or None
+        With the keys of the dataset's meshes; None leaves the oracle out.
+    n_samples : int
+        Clouds asked again of the oracle, chosen at random by the dataset's seed.
+    run : callable, optional
+        Who does the jobs; `run_here`, in this process, by default.
+    share : (int, int)
+        (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
+    progress : callable
+        Called with the number of clouds read, as they are read.
+
+    Raises
+    ------
+    DatasetError
+        There is no finished dataset in the folder.
+    """
+    plan, manifest = read_finished(out)
+    row, n_expected = find_format(plan.format), manifest["counts"]["clouds_by_split"]
+    files = {} if row.exported_from else manifest["files"]
+    task, found = VerifyTask(plan, out, files, manifest["sha256"]), dict[str, FileVerdict]()
+
+    def done(job: str, result: FileVerdict) -> tuple[str, ...]:
+        found[job] = result
+        progress(sum(result.n_clouds.values()))
+        return ()
+
+    data = {name for of_split in manifest["files"].values() for name in of_split}
+    mine = sorted(data)[share[0] :: share[1]]
+    if jobs := [*mine, *sorted(task.sha256.keys() - data)[share[0] :: share[1]]]:
+        (run or run_here)(task, jobs, done)
+    faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
+    n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())
+    if share == (0, 1) and not faults and files:
+        for split, expected in n_expected.items():
+            if n_clouds[split] != expected:
+                faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
+    verdict = Verdict(len(mine), sum(n_clouds.values()), 0, None, faults)
+    some = _some_files(files, set(jobs), plan.recipe.seed)
+    if some and not faults and meshes is not None and not (plan.recipe.setup and plan.recipe.complete):
+        source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
+        everything = np.concatenate(list(source.order.values()))
+        records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+        by_key, scanned = {entry.key: entry for entry in meshes}, plan.recipe.setup is not None
+        # any may stand around the target of a scan
+        mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
+        if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
+            verdict.faults.append(
+                f"the meshes given must have {lacking[0]}; they have not. Give those that the dataset was made of."
+            )
+        elif scanned:
+            _scan_again(records, plan, manifest, by_key, n_samples, verdict)
+        else:
+            _ask_oracle(records, plan, manifest, by_key, rng, verdict)
+    return verdict
+
+
+def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) -> dict[str, list[str]]:
+    """Choose the files of which clouds are held against their meshes, by split."""
+    names = sorted(looked_at.intersection(name for of_split in files.values() for name in of_split))
+    chosen = {names[i] for i in np.random.default_rng(seed).permutation(len(names))[:ASKED_FILES].tolist()}
+    found = {split: [name for name in of_split if name in chosen] for split, of_split in files.items()}
+    return {split: of_split for split, of_split in found.items() if of_split}
+
+
+def _load(entry: MeshEntry, manifest: Mapping[str, Any]) -> Mesh:
+    """Load a mesh; raise MeshError where it cannot be used, or is not the one that the manifest names."""
+    mesh, source = entry.load(), MeshSource.from_dict(manifest["origins"][entry.key])
+    is_whole = len(mesh.origin.files) == len(source.files)  # without colours fewer files are read
+    if is_whole and mesh.origin.sha256 != source.sha256:
+        raise MeshError(
+            f"{entry.key} must have the SHA-256 {source.sha256[:12]}...; it has {mesh.origin.sha256[:12]}... ."
+        )
+    return mesh
+
+
+def _scan_again(
+    records: Records,
+    plan: Plan,
+    manifest: Mapping[str, Any],
+    by_key: Mapping[str, MeshEntry],
+    n_samples: int,
+    verdict: Verdict,
+) -> None:
+    """Scan the objects of some clouds again, and compare those clouds whole.
+
+    The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
+    """
+    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
+    for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
+        entry = remade.meshes[mesh_id]
+        try:
+            kept = [
+                gather_clouds(each.points, each.mask, each.views, plan.recipe, entry.key, variation)
+                for variation, each in enumerate(samplings(remade, _load(entry, manifest), mesh_id, None))
+            ]
+        except (DatasetError, MeshError, OptionError) as error:
+            verdict.faults.append(str(error))
+            continue
+        again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
+        for record in records[records["mesh_id"] == mesh_id]:
+            other = again.get((int(record["variation"]), int(record["view_id"])))
+            verdict.n_checked += len(record["data"])
+            if other is None or other["data"].tobytes() != record["data"].tobytes():
+                verdict.faults.append(
+                    f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
+                )
+
+
+def _ask_oracle(
+    records: Records,
+    plan: Plan,
+    manifest: dict[str, Any],
+    by_key: Mapping[str, MeshEntry],
+    rng: np.random.Generator,
+    verdict: Verdict,
+) -> None:
+    """Measure the fraction of hidden points among some points of some clouds."""
+    from zbuf_occlude.visibility.methods.oracle import BAND  # late: takes Numba
+    from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle
+
+    n_checked = n_hidden = 0
+    for record in records:
+        try:
+            with Limits().watch():
+                mesh = _load(by_key[plan.meshes[int(record["mesh_id"])].key], manifest)
+        except MeshError as error:
+            verdict.faults.append(str(error))
+            continue
+        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
+        some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
+        positions = record["data"][some] / record["factor"] + record["centre"]
+        if plan.recipe.frame == "camera":
+            positions = (positions - translation) @ rotation
+        points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
+        eye = (-rotation.T @ translation)[None]
+        with prepare_oracle(mesh) as oracle:
+            hidden = points.select(~oracle.visible(points, eye)[0])
+            # where the line of sight grazes the surface, the answer for a point that was moved is by chance
+            moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
+            n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
+        n_checked += len(points)
+    verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
+    promised = manifest["error"]["false_visible"]
+    if n_checked and promised is not None:
+        # of few pairs the fraction is itself known roughly: as much as it may be
+        n_pairs = manifest["error"]["n_checked"]
+        promised = interval(round(promised * n_pairs), n_pairs)[1]
+        # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
+        promised = min(1.0, promised / float(records["visible_fraction"].mean()))
+        allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
+        if n_hidden / n_checked > allowed:
+            verdict.faults.append(
+                f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
+                f"{n_hidden / n_checked:.2%} of {n_checked} are."
+            )

@@ -1,0 +1,409 @@
+"""BVH traversal of rays of many origins: float32 excludes boxes and faces, float64 decides the rest.
+
+The rays of a block advance together, one kind of step at a time: nodes, leaves, faces. While the memory that a step
+needs is fetched, steps of other rays proceed, and hardly any branch depends on the outcome of a test.
+
+A face that float32 excludes cannot be hit: every comparison has a margin above the rounding of all its operands.
+`predicates.ray_triangle_t` decides the remaining faces, so face and distance are the oracle's, ties included.
+
+All float32 arithmetic is in scene space, from the point where a ray enters the scene's sphere, so that no coordinate
+exceeds about 1. The boxes are widened by the rounding of that point. Rays from beyond `MAX_FACE_TEST_DISTANCE` test
+boxes only.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.jit.compiler import always_inline, device_function, inline_ir, njit
+from zbuf_occlude.base.jit.pointer import pointer_to
+from zbuf_occlude.base.jit.simd import (
+    absolute,
+    blend,
+    count_lanes,
+    dot3,
+    first_lane,
+    greater,
+    load,
+    load3,
+    load_scalar,
+    load_unchecked,
+    maximum,
+    minimum,
+    muladd,
+    not_less,
+    splat,
+    splat3,
+    store,
+    store_unchecked,
+    tag_lanes,
+)
+from zbuf_occlude.base.jit.threads import parallel_kernel, take_block
+from zbuf_occlude.base.jit.vec3 import cross, dot, minus
+from zbuf_occlude.engines.exact.bvh import Bvh, corners_of
+from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64
+from zbuf_occlude.geometry.predicates import is_nearer, ray_triangle_t
+
+TRAVERSAL_RAYS = 256
+"""Rays, or lines of sight, per block: enough to hide memory latency, few enough for the cache."""
+START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
+"""Rows of the float32 of rays: a ray is ``start + t direction``, of length 1, with t from 0 to `LIMIT`, scene units.
+`START` is the point where it enters the scene's sphere, or its origin if that is inside; `INVERSE` is 1 / direction.
+A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
+one."""
+UNROLLED_CHILDREN = 4
+"""Children of a node that are pushed without a branch."""
+MIN_ENTRY = np.float32(1e-30)
+"""Least entry distance of a box: a normal number even with a lane's index in its last bits."""
+SPHERE_RADIUS = 1.01
+"""Radius of the scene's sphere, with a margin for rounding."""
+MAX_RAY_LENGTH = 4.0
+"""Upper bound of a ray's length within the sphere, scene units."""
+MARGIN = np.float32(2e-6)
+"""Margin around boxes, scene units. Rounding of the box, the ray's inverse and offset and their sums moves a wall by at
+most 6e-7."""
+AREA_ERROR = np.float32(4e-6)
+"""Error bound of the signed area between a ray and an edge, per length of the edge: coordinates relative to the ray err
+by at most 4.5e-7, their moment by 1.1e-6."""
+MOMENT_ERROR = np.float32(1e-6)
+"""Error bound of the same area, per distance of the ray from the face's first corner: edges err by at most 2.1e-7."""
+SLOPE_ERROR = np.float32(2e-6)
+"""Error bound of direction . normal, per size + size squared of the face: the normal errs by 4.2e-7 sizes + 6e-7 sizes
+squared."""
+DISTANCE_ERROR = np.float32(16e-6)
+"""Error bound of distance x slope, per size + size squared of the face: twice the slope's, times 4 for the limit that
+it is compared with."""
+SPREAD = np.float32(1.8)
+"""Bound on the ratio of the 1-norm of a ray's moment to the ray's distance from the corner."""
+MAX_FACE_TEST_DISTANCE = 1e6
+"""Largest distance of an origin, scene units, at which a ray's start is accurate enough for float32 tests of faces."""
+FAR_ERROR = 4e-15
+"""Error bound of a ray's start and distances, relative to its origin's distance."""
+MIN_DIRECTION = 1e-9
+"""Least component of a unit direction; smaller ones are replaced by it, which moves no point in the scene by 1e-8."""
+
+
+class TraversalScratch(NamedTuple):
+    """Working memory of a block of n rays, or lines of sight from an eye to a point."""
+
+    origins: FloatArray  # (3 n,) world space
+    directions: FloatArray  # (3 n,)
+    points: FloatArray  # (3 n,) ends of lines of sight
+    fractions: FloatArray  # (n,) length still to be searched, or distance of the nearest hit so far, in directions
+    errors: FloatArray  # (n,) error bounds of `fractions`
+    skipped: FloatArray  # (n,) distance from the origin to the start, scene units
+    units: FloatArray  # (n,) scene units per direction
+    own: Int64  # (n,) own face of the point, which does not hide it; -1 for none
+    faces: Int64  # (n,) nearest face so far, -1 for none
+    current: Int64  # (n,) node, or ~leaf, to be tested next
+    tops: Int64  # (n,) top of each ray's stack
+    at_node: Int64  # (n + 1,) rays whose next test is a node
+    at_leaf: Int64  # (n + 1,) rays whose next test is a leaf
+    met: Int64  # (n + 1,) rays at a leaf that may meet one of its faces
+    masks: Int64  # (n + 1,) mask of these faces
+    asking: Int64  # (16 n,) ray of each candidate pair of ray and face
+    asked: Int64  # (16 n,) face of each pair
+    corners: FloatArray  # (9 x 16 n,) corners of the face of each pair, world space
+    rays: Float32  # (16 n,) rows `START` to `LIMIT`
+    nodes: Int64  # (n room,) stacks of nodes, or ~leaves; of one parent's children the nearest is on top
+    nearest: Float32  # (n room,) lower bounds of their distances; -`F32_MAX` at the bottom
+    lanes: Float32  # (17,) entry distances of a node's children; the last stays -`F32_MAX`
+
+
+def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
+    """Allocate a thread's working memory for traversal."""
+    n, room = TRAVERSAL_RAYS, (LEAF - 1) * bvh.depth + 3
+    more = n + 1  # one spare slot: entries past the count are stored unconditionally
+    return TraversalScratch(
+        origins=np.empty(3 * n),
+        directions=np.empty(3 * n),
+        points=np.empty(3 * n),
+        fractions=np.empty(n),
+        errors=np.empty(n),
+        skipped=np.empty(n),
+        units=np.empty(n),
+        own=np.empty(n, dtype=np.int64),
+        faces=np.empty(n, dtype=np.int64),
+        current=np.empty(n, dtype=np.int64),
+        tops=np.empty(n, dtype=np.int64),
+        at_node=np.empty(more, dtype=np.int64),
+        at_leaf=np.empty(more, dtype=np.int64),
+        met=np.empty(more, dtype=np.int64),
+        masks=np.empty(more, dtype=np.int64),
+        asking=np.empty(LEAF * n, dtype=np.int64),
+        asked=np.empty(LEAF * n, dtype=np.int64),
+        corners=np.empty(9 * LEAF * n),
+        rays=np.empty(16 * n, dtype=np.float32),
+        nodes=np.empty(n * room, dtype=np.int64),
+        nearest=np.full(n * room, -F32_MAX, dtype=np.float32),
+        lanes=np.full(LEAF + 1, -F32_MAX, dtype=np.float32),
+    )
+
+
+@parallel_kernel
+def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
+    """Find the first hits of blocks of rays."""
+    bvh, scratch = pointer_to(bvh_), pointer_to(memory)
+    first, last = take_block(tasks, len(face_ids), TRAVERSAL_RAYS)
+    while first < last:
+        for i in range(last - first):
+            o = first + i if len(origins) > 1 else 0
+            for axis in range(3):
+                scratch.origins[3 * i + axis] = origins[o, axis]
+                scratch.directions[3 * i + axis] = directions[first + i, axis]
+            scratch.fractions[i], scratch.errors[i], scratch.own[i] = np.inf, 0.0, -1
+        traverse_bvh(bvh, scratch, last - first, _keep_nearer)
+        for i in range(last - first):
+            d = triple(scratch.directions, i)
+            face_ids[first + i], distances[first + i] = scratch.faces[i], scratch.fractions[i] * math.sqrt(dot(d, d))
+        first, last = take_block(tasks, len(face_ids), TRAVERSAL_RAYS)
+
+
+@always_inline
+def triple(numbers, i):
+    """Return numbers 3 i to 3 i + 2."""
+    return load_unchecked(numbers, 3 * i), load_unchecked(numbers, 3 * i + 1), load_unchecked(numbers, 3 * i + 2)
+
+
+@always_inline
+def _keep_nearer(bvh, scratch, i, candidate, a, b, c):
+    origin, direction, face = triple(scratch.origins, i), triple(scratch.directions, i), scratch.faces[i]
+    found, error = ray_triangle_t(origin, direction, a, b, c)
+    if is_nearer(
+        *(origin, direction, candidate, found, error, face, scratch.fractions[i], scratch.errors[i]),
+        *((a, b, c), corners_of(bvh, max(face, 0))),
+    ):
+        scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
+
+
+@inline_ir
+def traverse_bvh(bvh, scratch, n, test):
+    """Traverse the hierarchy along n rays, nearest boxes first, up to ``scratch.fractions``.
+
+    ``test(bvh, scratch, i, candidate, a, b, c)`` is called for each face abc that ray i may meet. It writes a hit to
+    ``scratch.faces``, which is -1 at first, and the length still to be searched to ``scratch.fractions``.
+    """
+    _set_up(bvh.centre, bvh.scale, scratch.origins, scratch.directions, n, scratch.rays, scratch.skipped, scratch.units)
+    n_nodes, n_leaves = _begin(scratch, n), 0
+    while n_nodes + n_leaves > 0:
+        n_nodes, n_leaves = _push_children(bvh, scratch, n_nodes, n_leaves)
+        for j in range(_find_candidates(bvh, scratch, n_leaves)):
+            a, b, c = (
+                triple(scratch.corners, 3 * j),
+                triple(scratch.corners, 3 * j + 1),
+                triple(scratch.corners, 3 * j + 2),
+            )
+            test(bvh, scratch, scratch.asking[j], scratch.asked[j], a, b, c)
+        n_nodes, n_leaves = _pop_after_leaves(scratch, n_nodes, n_leaves)
+
+
+@njit(error_model="numpy")
+def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
+    """Fill in the rows of n rays but `LIMIT`; without branches, so that the compiler vectorises the loop.
+
+    ``skipped`` is infinite for rays that miss the scene's sphere.
+    """
+    for i in range(n):
+        x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
+        shrink = 1.0 / max(max(abs(x), abs(y)), abs(z))
+        x, y, z = x * shrink, y * shrink, z * shrink
+        length = math.sqrt(x * x + y * y + z * z)
+        inverse = 1.0 / length
+        x, y, z = x * inverse, y * inverse, z * inverse
+        u, v, w = origins[3 * i] - centre[0], origins[3 * i + 1] - centre[1], origins[3 * i + 2] - centre[2]
+        u, v, w = u * scale, v * scale, w * scale
+        along = -(u * x + v * y + w * z)
+        ahead, before = max(along, 0.0), max(along - SPHERE_RADIUS, 0.0)
+        p, q, r = u + ahead * x, v + ahead * y, w + ahead * z  # the ray's closest point to the scene's centre
+        away = abs(u) + abs(v) + abs(w)
+        radius = SPHERE_RADIUS + FAR_ERROR * away
+        skipped[i] = before if p * p + q * q + r * r <= radius * radius else np.inf
+        units[i] = scale * length / shrink
+        _set_up_axis(rays, i, 0, u + before * x, x, away)
+        _set_up_axis(rays, i, 1, v + before * y, y, away)
+        _set_up_axis(rays, i, 2, w + before * z, z, away)
+
+
+@always_inline
+def _set_up_axis(rays, i, axis, start, direction, away):
+    inverse = 1.0 / (direction if abs(direction) > MIN_DIRECTION else MIN_DIRECTION)
+    margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
+    rays[(START + axis) * TRAVERSAL_RAYS + i] = (
+        start if away < MAX_FACE_TEST_DISTANCE else np.nan
+    )  # NaN: every face of a leaf may be met
+    rays[(DIRECTION + axis) * TRAVERSAL_RAYS + i] = direction
+    rays[(INVERSE + axis) * TRAVERSAL_RAYS + i] = inverse
+    rays[(ENTERS + axis) * TRAVERSAL_RAYS + i] = -start * inverse - margin
+    rays[(LEAVES + axis) * TRAVERSAL_RAYS + i] = -start * inverse + margin
+
+
+@device_function
+def _begin(scratch, n):
+    """Put the rays that meet the scene's sphere at the root; return their number."""
+    n_nodes, room = 0, len(scratch.nodes) // TRAVERSAL_RAYS
+    for i in range(n):
+        scratch.faces[i], scratch.current[i], scratch.tops[i], scratch.at_node[n_nodes] = -1, 0, i * room + 1, i
+        n_nodes += _set_limit(scratch, i) > ZERO
+    return n_nodes
+
+
+@always_inline
+def _set_limit(scratch, i):
+    """Write the length of a ray still to be searched, scene units, rounded up; NaN for a ray that misses the sphere."""
+    more = 2.0 * FAR_ERROR * scratch.skipped[i]
+    distance = min(scratch.fractions[i] * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
+    limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
+    store_unchecked(scratch.rays, LIMIT * TRAVERSAL_RAYS + i, limit)
+    return limit
+
+
+@always_inline
+def _row(rays, i, row):
+    return load_scalar(rays, row * TRAVERSAL_RAYS + i)
+
+
+@always_inline
+def _state(scratch):
+    """Return the arrays of a step, read from `scratch` once: after each write they would be read again."""
+    return scratch.at_node, scratch.at_leaf, scratch.current, scratch.tops, scratch.nodes, scratch.nearest
+
+
+@device_function
+def _push_children(bvh, scratch, n_nodes, n_leaves):
+    """Push the children that each ray at a node enters, and pop the nearest; return the numbers at nodes and leaves."""
+    boxes, children, n_children, n_next = bvh.boxes, bvh.children, bvh.n_children, 0
+    rays, lanes, state = scratch.rays, scratch.lanes, _state(scratch)
+    for j in range(n_nodes):
+        i = load_unchecked(state[0], j)
+        node, enter, leave = load_unchecked(state[2], i), splat(MIN_ENTRY), splat(_row(rays, i, LIMIT))
+        for axis in range(3):
+            inverse = _row(rays, i, INVERSE + axis)
+            near = axis + UPPER * np.int64(inverse < ZERO)
+            near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
+            enter = maximum(enter, muladd(load(boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
+            leave = minimum(leave, muladd(load(boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
+        mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(n_children, node)) - 1)
+        enter = blend(mask, tag_lanes(enter), splat(-F32_MAX))
+        store(lanes, 0, enter)
+        top, rest = load_unchecked(state[3], i), mask
+        for _ in range(UNROLLED_CHILDREN):
+            rest = _push_child(children, LEAF * node, enter, lanes, state, top, rest)
+        while rest:
+            rest = _push_child(children, LEAF * node, enter, lanes, state, top, rest)
+        n_next, n_leaves = _pop(i, top + count_lanes(mask), _row(rays, i, LIMIT), state, n_next, n_leaves)
+    return n_next, n_leaves
+
+
+@always_inline
+def _push_child(children, first, enter, lanes, state, top, rest):
+    """Push the first child of a mask below all nearer ones; return the others. No entry goes past the count."""
+    lane = first_lane(rest | (1 << LEAF))
+    nearest = load_scalar(lanes, lane)
+    slot = top + count_lanes(greater(enter, splat(nearest)))
+    store_unchecked(state[4], slot, load_unchecked(children, first + (lane & (LEAF - 1))))
+    store_unchecked(state[5], slot, nearest)
+    return rest & (rest - 1)
+
+
+@always_inline
+def _pop(i, top, limit, state, n_nodes, n_leaves):
+    """Pop the top of a ray's stack within the limit; return the numbers of rays at nodes and at leaves."""
+    at_node, at_leaf, current, tops, nodes, nearest = state
+    # ends at the bottom at the latest: distances are too small for a limit of -infinity
+    while load_unchecked(nearest, top - 1) > limit:
+        top -= 1
+    more = np.int64(load_unchecked(nearest, top - 1) > -F32_MAX)
+    node = load_unchecked(nodes, top - more)
+    store_unchecked(current, i, node)
+    store_unchecked(tops, i, top - more)
+    store_unchecked(at_node, n_nodes, i)
+    store_unchecked(at_leaf, n_leaves, i)
+    leaf = np.int64(node < 0)
+    return n_nodes + (more & (1 - leaf)), n_leaves + (more & leaf)
+
+
+@device_function
+def _pop_after_leaves(scratch, n_nodes, n_leaves):
+    """Pop the next entry of each ray at a leaf; return the numbers of rays at nodes and at leaves."""
+    state, n_next = _state(scratch), 0
+    for j in range(n_leaves):
+        i = load_unchecked(state[1], j)
+        n_nodes, n_next = _pop(i, load_unchecked(state[3], i), _set_limit(scratch, i), state, n_nodes, n_next)
+    return n_nodes, n_next
+
+
+@device_function
+def _find_candidates(bvh, scratch, n_leaves):
+    """List candidate pairs of a ray at a leaf and a face, with the face's corners; return their number."""
+    current, met, masks, n_met = scratch.current, scratch.met, scratch.masks, 0
+    rays, corners, used = scratch.rays, bvh.corners, bvh.used
+    for j in range(n_leaves):
+        i = load_unchecked(scratch.at_leaf, j)
+        leaf = ~load_unchecked(current, i)
+        mask = _candidates(corners, leaf, rays, i) & load_unchecked(used, leaf)
+        store_unchecked(met, n_met, i)
+        store_unchecked(masks, n_met, mask)
+        n_met += mask != 0
+    asking, asked, found, n_asked = scratch.asking, scratch.asked, scratch.corners, 0
+    for j in range(n_met):
+        i, mask = load_unchecked(met, j), load_unchecked(masks, j)
+        while mask:
+            face = np.int64(load_unchecked(bvh.face_ids, LEAF * ~load_unchecked(current, i) + first_lane(mask)))
+            store_unchecked(asking, n_asked, i)
+            store_unchecked(asked, n_asked, face)
+            mask &= mask - 1
+            n_asked += face != load_unchecked(scratch.own, i)
+    faces, vertices = bvh.faces, bvh.vertices
+    for j in range(n_asked):
+        for corner in range(3):
+            vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(asked, j) + corner))
+            for axis in range(3):
+                store_unchecked(found, 9 * j + 3 * corner + axis, load_unchecked(vertices, 3 * vertex + axis))
+    return n_asked
+
+
+@always_inline
+def _candidates(corners, leaf, rays, i):
+    """Return the mask of the faces of a leaf that a ray may meet before its limit.
+
+    References
+    ----------
+    Moeller, Trumbore: Fast, minimum storage ray/triangle intersection. Journal of Graphics Tools 2 (1997),
+    doi:10.1080/10867651.1997.10487468. Departure: the ray's moment about the first corner, whose error does not grow
+    with the face's distance.
+    """
+    base, zero = leaf * 9 * LEAF, splat(ZERO)
+    direction = _splat_rows(rays, i, DIRECTION)
+    a = load3(corners, base, LEAF)
+    first = minus(load3(corners, base + 3 * LEAF, LEAF), a)
+    second = minus(load3(corners, base + 6 * LEAF, LEAF), a)
+    start = minus(_splat_rows(rays, i, START), a)
+    moment, normal = cross(start, direction), cross(first, second)
+    u, v = dot3(moment, second, zero), zero - dot3(moment, first, zero)
+    slope, depth = zero - dot3(normal, direction, zero), dot3(normal, start, zero)
+    turned = greater(zero, slope)
+    u, v, depth = blend(turned, zero - u, u), blend(turned, zero - v, v), blend(turned, zero - depth, depth)
+    slope = absolute(slope)
+    size = _size_of(first) + _size_of(second)
+    distance = _size_of(moment)  # 1 to 1.8 times the ray's distance from the first corner
+    edge_error = splat(AREA_ERROR) * size + splat(MOMENT_ERROR) * distance
+    spread = size + size * size
+    slope_error, depth_error = splat(SLOPE_ERROR) * spread, splat(DISTANCE_ERROR) * spread
+    inside = not_less(u, zero - edge_error) & not_less(v, zero - edge_error)
+    inside &= not_less(slope - u - v, zero - (edge_error + edge_error + slope_error))
+    before = not_less(depth, zero - depth_error) & not_less(splat(_row(rays, i, LIMIT)) * slope + depth_error, depth)
+    edge_on = not_less(slope_error, slope) & not_less((size + splat(MARGIN)) * splat(SPREAD), distance)
+    return (inside & before) | edge_on
+
+
+@always_inline
+def _size_of(a):
+    """Return the 1-norm of a vector: at least its length."""
+    return absolute(a[0]) + absolute(a[1]) + absolute(a[2])
+
+
+@always_inline
+def _splat_rows(rays, i, row):
+    return splat3((_row(rays, i, row), _row(rays, i, row + 1), _row(rays, i, row + 2)))

@@ -1,0 +1,244 @@
+"""Objects of scenes, in metres: those of a JSON file with their poses, or objects of a collection."""
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError, check_choice, escape_control
+from zbuf_occlude.geometry.mesh import Mesh, check_frame
+from zbuf_occlude.meshes.collection import MeshEntry
+from zbuf_occlude.meshes.load import load_mesh
+from zbuf_occlude.meshes.shapes import ROAD_USERS, make, road_user
+from zbuf_occlude.sensors.scenes.scene import Placed, moved
+from zbuf_occlude.sensors.scenes.sizes import LEAST, MOST, SIZES, Sizes, normalize_label, size_beside
+
+FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
+NUMBERS = {
+    "position": Number(-1e6, 1e6, "metres", ((3,),)),
+    "yaw": Number(-3600.0, 3600.0, "degrees"),
+    "size": Number(LEAST, MOST, "metres"),
+    "albedo": Number(0.0, 1.0),
+    "velocity": Number(-1e3, 1e3, "metres a second", ((3,),)),
+    "turn": Number(-1e4, 1e4, "degrees a second"),
+}
+KNOWN = ("mesh", "class", "up", *NUMBERS)
+
+MOST_OBJECTS = 24
+"""Maximum objects of a collection in a pool: a worker loads each once."""
+MOST_FACES = 30_000
+"""Maximum faces of an object in a pool."""
+MOST_METRES = {"street": 7.0, "room": 2.2}
+"""Maximum longest side of an object in a scene's pool."""
+BELONGING = {
+    "street": (
+        *("bicycle", "bus", "car", "motorbike", "motorcycle", "pedestrian", "person", "tractor", "trailer", "truck"),
+        "van",
+    ),
+    "room": (
+        *("ashcan", "basket", "bed", "bench", "bookcase", "bookshelf", "cabinet", "chair", "couch", "desk"),
+        *("dishwasher", "dresser", "file_cabinet", "flower_pot", "lamp", "loudspeaker", "mantel", "night_stand"),
+        *("piano", "plant", "sofa", "speaker", "stool", "stove", "table", "toilet", "trash_bin", "tv_stand"),
+        *("wardrobe", "washer"),
+    ),
+}
+"""Classes of a collection that fit into a scene: road users, furniture."""
+BUILT_IN = {
+    "street": {"car": 4, "pedestrian": 1, "bicycle": 1, "motorcycle": 1},
+    "room": {"bed": 1, "bookshelf": 2, "chair": 3, "lamp": 2, "table": 2},
+}
+"""Number of built-in objects of each class that the collection lacks."""
+
+
+def read_scene(path: Path) -> list[dict[str, Any]]:
+    """Read and check a scene's file.
+
+    Parameters
+    ----------
+    path : Path
+        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
+        also with albedo, velocity and turn as of `Placed`. Only mesh and position are required; an object whose class
+        is a built-in road user needs no mesh. A position is that of the centre of the object's base, metres from the
+        centre of the target's base. Paths are relative to the JSON's folder.
+
+    Returns
+    -------
+    list of dict
+        Plain data with absolute paths, as a plan stores it.
+
+    Raises
+    ------
+    OptionError
+        The file cannot be read, or is no scene; the message says what is wrong.
+    """
+    document, where = parse_document("JSON", read_limited(path), path), escape_control(str(path))
+    objects = document.get("objects") if isinstance(document, dict) else None
+    if not isinstance(objects, list):
+        raise OptionError(f"{where} must be {FORM}; it has no list of objects.")
+    found = []
+    for given in objects:
+        try:
+            found.append(_checked(given, path.parent))
+        except OptionError as error:
+            raise OptionError(f"{where}: object {len(found)}: {error}") from None
+    return found
+
+
+def _checked(given: Any, folder: Path) -> dict[str, Any]:
+    builtin = isinstance(given, dict) and "mesh" not in given and str(given.get("class")) in ROAD_USERS
+    if isinstance(given, dict) and "mesh" not in given and not builtin and "class" in given:
+        raise OptionError(
+            f"an object must have a mesh, unless its class is {', '.join(ROAD_USERS)} (in small letters); got the "
+            f"class {given['class']!r:.40}. Give a mesh."
+        )
+    if not isinstance(given, dict) or "position" not in given or not (builtin or "mesh" in given):
+        raise OptionError(
+            f"a scene must be {FORM}; it has no mesh or position. Only a {', '.join(ROAD_USERS)} needs no mesh."
+        )
+    for name in given:
+        check_choice("a key of an object", name, KNOWN)
+    found = {
+        name: (NUMBERS[name].read if name in NUMBERS else parse_line)(name, value) for name, value in given.items()
+    }
+    check_frame(found.get("up"), None)
+    found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
+    if builtin:
+        return found
+    mesh = str((folder / found["mesh"]).absolute())
+    if not os.path.isfile(mesh):
+        raise OptionError(f"mesh must name a file; {mesh!r} does not exist.")
+    return {**found, "mesh": mesh}
+
+
+def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[str, Any]]:
+    """Return a scene's objects with the SHA-256 of each mesh's files, with or without those of its `colors`.
+
+    Raises
+    ------
+    MeshError
+        A mesh cannot be used.
+    """
+    return [
+        {**each, "sha256": load_mesh(each["mesh"], up=each.get("up"), colors=colors).origin.sha256}
+        if "mesh" in each
+        else each
+        for each in objects
+    ]
+
+
+def placed_of(
+    objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
+) -> list[Placed]:
+    """Load and place a scene's meshes; `transparent` is as of a `ScanConfig`.
+
+    Raises
+    ------
+    MeshError
+        A file cannot be used.
+    DatasetError
+        A mesh differs from its checksum (`with_checksums`).
+    """
+    placed = []
+    for given in objects:
+        label = str(given.get("class", Path(given.get("mesh", "")).stem))
+        if "mesh" in given:
+            loaded = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent))
+            if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
+                raise DatasetError(
+                    f"{given['mesh']} changed since the scene was read (sha256 {given['sha256'][:12]}..., now "
+                    f"{loaded.origin.sha256[:12]}...). Restore it, or generate all clouds again with --overwrite."
+                )
+            mesh = loaded.transparent(transparent or {})
+        else:
+            mesh = road_user(label)
+        size = given.get("size", mesh.longest_side)
+        x, y, z = given["position"]
+        pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
+        motion = {name: given[name] for name in ("velocity", "turn") if name in given}
+        placed.append(Placed(on_ground(mesh, size), label, pose, given.get("albedo"), **motion))
+    return placed
+
+
+def on_ground(mesh: Mesh, size: float) -> Mesh:
+    """Return a mesh scaled to `size` metres, with the centre of its base at the origin."""
+    low, centre = mesh.bounds[0], mesh.centre
+    return mesh.transformed(1.0, (-centre[0], -centre[1], -low[2])).transformed(size / mesh.longest_side)
+
+
+def surroundings(entries: Sequence[MeshEntry], scene: str) -> list[MeshEntry]:
+    """Return the objects for a kind of scene: those of a collection that fit, and built-in ones for missing classes.
+
+    `scene` is a name of `zbuf_occlude.sensors.scenes.kinds.KINDS`. The list is empty for a scene without such objects.
+    """
+    fitting = [entry for entry in entries if normalize_label(entry.label) in BELONGING.get(scene, ())]
+    labels = {normalize_label(entry.label) for entry in fitting}
+    return fitting + [
+        MeshEntry(f"built-in/{label}/{number}", label, "train", partial(_built_in, label, number))
+        for label, count in BUILT_IN.get(scene, {}).items()
+        if label not in labels
+        for number in range(count)
+    ]
+
+
+def _built_in(label: str, number: int) -> Mesh:
+    """Return a road user or a member of a family, in metres."""
+    return road_user(label) if label in ROAD_USERS else on_ground(make(label, number), SIZES[label])
+
+
+class Pool:
+    """Random objects of a collection, selected by a number in [0, 1).
+
+    Parameters
+    ----------
+    entries : sequence of MeshEntry
+        Entries that cannot be loaded, have no size, or are too long or detailed are skipped. Built-in objects replace
+        them where none is left.
+    sizes : Sizes
+        As `size_beside` takes them.
+    scene : str
+        A name of `zbuf_occlude.sensors.scenes.kinds.KINDS`.
+    seed : SeedSequence
+        The same collection and seed give the same objects.
+    transparent : mapping of str to float or None
+        As of a `ScanConfig`.
+    """
+
+    def __init__(
+        self,
+        entries: Sequence[MeshEntry],
+        sizes: Sizes,
+        scene: str,
+        seed: np.random.SeedSequence,
+        transparent: Mapping[str, float | None] | None = None,
+    ) -> None:
+        order = np.random.default_rng(seed).permutation(len(entries))
+        self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
+        self._built_in = surroundings((), scene)
+        self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
+        self._loaded: dict[str, tuple[Mesh, str] | None] = {}
+
+    def __call__(self, number: float) -> tuple[Mesh, str]:
+        """Return an object: a mesh that stands on z = 0, in metres, and its class."""
+        for entries in (self._entries, self._built_in):
+            n = len(entries)
+            for i in range(n):
+                if (found := self._object(entries[(int(number * n) + i) % n])) is not None:
+                    return found
+        raise OptionError("The scene has no objects to be filled with. Give some surroundings.")
+
+    def _object(self, entry: MeshEntry) -> tuple[Mesh, str] | None:
+        key = entry.key
+        if key not in self._loaded:
+            self._loaded[key] = None
+            try:
+                mesh = entry.load().transparent(self._transparent)
+                size = size_beside(entry.label, self._sizes, mesh.longest_side)
+            except (MeshError, OptionError):
+                return None
+            if mesh.longest_side > 0 and len(mesh.faces) <= MOST_FACES and size <= self._most:
+                self._loaded[key] = on_ground(mesh, size), entry.label
+        return self._loaded[key]

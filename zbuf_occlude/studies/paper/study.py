@@ -1,0 +1,251 @@
+"""Run a study: make the clouds of its experiments, train and test the classifiers, and store the results in a folder.
+
+A trial is one classifier; its result is one JSON file, written last. After an interruption the same call resumes:
+datasets, trainings from their last checkpoints, and results.
+"""
+
+from collections.abc import Collection, Sequence
+from datetime import date
+from functools import partial
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from zbuf_occlude.base import atomic
+from zbuf_occlude.base.errors import DatasetError, UnavailableError
+from zbuf_occlude.base.provenance import n_cores, versions
+from zbuf_occlude.studies.compare.child import Child, ChildFailed, report_progress
+from zbuf_occlude.studies.compare.run import machine
+from zbuf_occlude.studies.learn.evaluation import evaluate
+from zbuf_occlude.studies.learn.training import Epoch, TrainConfig, train
+from zbuf_occlude.studies.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
+from zbuf_occlude.studies.paper.experiments import (
+    Augmentation,
+    Elevation,
+    Experiment,
+    Realism,
+    as_voxels,
+    find_objects,
+    is_modelnet10,
+)
+from zbuf_occlude.studies.paper.real_scans import UpAxis, check_scans, find_frame, picture_of_scans, read_objects
+from zbuf_occlude.studies.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
+
+CLASSIFIERS = "classifiers"
+"""Folder of the trained models in a study's folder."""
+EXPERIMENTS = (ELEVATION, AUGMENTATION)
+"""Experiments of the paper."""
+
+
+def run_study(
+    folder: Path,
+    size: Size,
+    *,
+    experiments: Collection[str] = EXPERIMENTS,
+    modelnet: Path | None = None,
+    scans: Path | None = None,
+    scans_up: str | None = None,
+    real: Path | None = None,
+    budgets: Sequence[str] = (CLOUDS,),
+    voxels: int | None = None,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> int:
+    """Make the clouds, train and test the classifiers of a study; return how many were trained or tested now.
+
+    Parameters
+    ----------
+    folder : Path
+    size : Size
+    experiments : collection of str
+    modelnet : Path, optional
+        ModelNet40's folder, or ModelNet10's for `ELEVATION` alone. Default: the built-in shapes.
+    scans : Path, optional
+        The Sydney Urban Objects dataset, for Test 3.
+    scans_up : str, optional
+        Up direction of the scans, one of `UPS`. Default: found from the scans.
+    real : Path, optional
+        Labelled sweeps of real drives, for one more test of `REALISM`.
+    budgets : sequence of str
+        As in `Augmentation`; a budget given later is added to the results.
+    voxels : int, optional
+        As in `as_voxels`.
+    progress : Progress, optional
+    workers : int, optional
+        As in `run_trials`.
+
+    Raises
+    ------
+    DatasetError
+        The folder holds another study, or `scans` or `real` is not such a dataset.
+    OptionError
+        `voxels` is out of range.
+    MeshError
+        `modelnet` is neither dataset, or no mesh of a class can be used.
+    """
+    progress, turned = progress or Progress(), None
+    if scans is not None:
+        check_scans(scans)  # raises before hours of work
+        said = f"{scans_up} of the files is up, by --sydney-up."
+        turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(scans)
+    if real is not None:
+        read_objects(real, 1)  # raises before hours of work
+    meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
+    objects = "built-in shapes"
+    if modelnet is not None:
+        objects = f"ModelNet10 ({', '.join(meshes.classes)})" if is_modelnet10(meshes) else "ModelNet40"
+    if voxels is not None:
+        meshes, objects = as_voxels(meshes, voxels), f"{objects} as surfaces of {voxels}³ voxels"
+    chosen: list[Experiment] = []
+    if ELEVATION in experiments:
+        chosen.append(Elevation(meshes, size, folder))
+    if AUGMENTATION in experiments:
+        chosen.append(Augmentation(meshes, size, folder, turned and (turned[0], turned[1].up), budgets))
+    if REALISM in experiments:
+        chosen.append(Realism(meshes, size, folder, real))
+    study = _open_study(folder, size, objects)
+    if turned:
+        _note_scans(folder, study, *turned)
+    n_trials = sum(len(experiment.trials()) for experiment in chosen)
+    progress.set_totals(sum(experiment.max_clouds for experiment in chosen), n_trials)
+    for experiment in chosen:
+        study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds)
+        study |= experiment.notes()
+        atomic.write_json(folder / STUDY, study)
+    trials = [trial for experiment in chosen for trial in experiment.trials()]
+    return run_trials(trials, size, folder, progress, workers)
+
+
+def _note_scans(folder: Path, study: dict[str, Any], root: Path, frame: UpAxis) -> None:
+    """Store the up axis of the scans and a picture; raises DatasetError where Test 3 was made with another up axis."""
+    if study.get("scans", frame._asdict())["up"] != frame.up:
+        raise DatasetError(
+            f"The up axis of the scans in {folder} has changed ({study['scans']['said']}); now it is {frame.up}. "
+            "Choose another folder, or the same --sydney-up."
+        )
+    study["scans"] = frame._asdict()
+    atomic.write_json(folder / STUDY, study)
+    picture = picture_of_scans(root, frame.up)
+    atomic.write(folder / PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
+
+
+def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
+    """Return study.json of a folder, written where it is missing; raises DatasetError where it is another study's."""
+    path = folder / STUDY
+    if path.exists():
+        study = read_study(folder)
+        mine = {**size.to_dict(), "objects": objects}
+        theirs = {**study["size"], "objects": study["objects"]}
+        if different := [name for name in mine if theirs.get(name) != mine[name]]:
+            raise DatasetError(
+                f"{folder} must be empty or hold this same study ({size.name}, {objects}); it holds another "
+                f"({theirs['name']}, {theirs['objects']}), with other {', '.join(different)}. Choose another folder."
+            )
+        return study
+    if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers([folder])):
+        raise DatasetError(f"{folder} must be empty or hold a study; it has other files. Choose another folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    study = {"size": size.to_dict(), "objects": objects, "date": date.today().isoformat()}
+    study |= {"missing_methods": {}, "failed_meshes": {}}
+    atomic.write_json(path, study)
+    return study
+
+
+def run_trials(
+    trials: Sequence[Trial], size: Size, folder: Path, progress: Progress, workers: int | None = None
+) -> int:
+    """Train and test the trials without complete results; return their number.
+
+    `workers` is the number of processes, each with a trial of its own (small networks gain little from several cores).
+    Default: one per core, or only this process where CUDA is available. A trained classifier is tested only on tests
+    that it lacks. Raises UnavailableError where a worker was killed.
+    """
+    missing = [trial for trial in trials if _missing_tests(trial, folder)]
+    for trial in set(trials) - set(missing):
+        progress.update_trial(trial.key, 1.0)
+    if workers is None:
+        workers = 1 if torch.cuda.is_available() else n_cores()
+    workers = min(workers, len(missing))
+    if workers < 2:
+        for trial in missing:
+            _run_trial(trial, size, folder, progress.update_trial)
+        return len(missing)
+    begin = partial(_begin_worker, max(1, n_cores() // workers))
+    children = [Child(begin) for _ in range(workers)]
+    idle, busy, left = children, dict[Any, Child](), iter(missing)
+    try:
+        while True:
+            for child, trial in zip(idle, left, strict=False):
+                child.start(_run_trial, trial, size, folder)
+                busy[child.pipe] = child
+            if not busy:
+                return len(missing)
+            idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.update_trial)]
+    except ChildFailed as failure:
+        raise UnavailableError(
+            f"A worker of the training failed: {failure}. Memory may be exhausted. Results so far are kept; run the "
+            "same command again."
+        ) from None
+    finally:
+        for child in children:
+            child.kill()
+
+
+def _begin_worker(threads: int) -> None:
+    """Set the number of threads of a training process."""
+    torch.set_num_threads(threads)
+
+
+def _missing_tests(trial: Trial, folder: Path) -> list[str]:
+    """Return the tests of a trial that have no result."""
+    result = read_result(path_of(folder, trial.key))
+    return [name for name in trial.tests if result is None or name not in result.tests]
+
+
+def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_progress) -> None:
+    """Train or load a classifier, run its missing tests, and write its result."""
+    report(trial.key, 0.0)
+    path, names = path_of(folder, trial.key), _missing_tests(trial, folder)
+    result = read_result(path)
+    training, validation = trial.training(), trial.validation()
+    validation = validation.thinned(np.zeros(len(validation)), size.n_validation, seed=0)
+    epochs = trial.epochs(len(training))
+    config = TrainConfig(
+        model=str(trial.facts["model"]),
+        epochs=epochs,
+        batch_size=size.batch_size,
+        patience=max(1, round(size.patience * epochs)),
+        seed=int(trial.facts["seed"]),
+    )
+
+    def after(epoch: Epoch) -> None:
+        report(trial.key, 0.95 * epoch.number / epochs)  # the rest is for testing
+
+    trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
+    tests: dict[str, Any] = dict(result.document["tests"]) if result else {}
+    for name in names:
+        found = evaluate(trained.model, trial.tests[name](), trained.classes)
+        tests[name] = {"truth": found.truth, "predicted": found.predicted, "confusion": found.counts.tolist()}
+    document = {
+        "experiment": trial.experiment,
+        "facts": dict(trial.facts),
+        "config": trained.config.to_dict(),
+        "n_training": len(training),
+        "n_objects": len(np.unique(training.object_ids)),
+        "n_validation": len(validation),
+        "n_parameters": sum(parameter.numel() for parameter in trained.model.parameters()),
+        "epochs": len(trained.history),
+        "best_epoch": trained.best.number,
+        "validation_accuracy": trained.best.validation_accuracy,
+        "seconds": trained.seconds,
+        "device": str(next(trained.model.parameters()).device),
+        "machine": machine(),
+        "versions": versions(),
+        "tests": tests,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic.write_json(path, document)
+    report(trial.key, 1.0)

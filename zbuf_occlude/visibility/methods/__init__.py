@@ -1,0 +1,1 @@
+"""Methods of visibility, a file each; `zbuf_occlude.visibility` has their table."""
