@@ -1,17 +1,20 @@
 """Simulated against real numbers of returns: models as large as the labelled boxes of a drive, seen by its LiDARs.
 
-    python benchmarks/real_lidar.py LOG [--sensor NAME] [--out FILE.md]
+    python benchmarks/real_lidar.py LOG [--sensor NAME] [--sweeps even|odd] [--out FILE.md]
 
 --sensor: a name of the table of sensors, instead of finding it from the log. --out: write the tables there too.
+--sweeps: only files of even or odd numbers. On KITTI's even ones the windows of built-in vehicles were fitted.
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
-and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
+and nothing chosen here: the sensor is found from the log, and its numbers are those of the table of sensors.
 
 Labelled cars, trucks, buses, cyclists and pedestrians between 5 and 80 m are scanned among all other boxes of their
-sweep. A box is filled with a built-in car stretched to it, or with the road user of its class. There is no ground, and
-nothing that nobody labelled: roads are not flat, and what hides an object unlabelled is not known. Dropout goes by
-albedo, which is not known either: each object has one drawn, and all of it is drawn `DRAWS` times.
+sweep. A box is filled with `MODELS` built-in road users in turn: vehicles stretched to it, people as high as it and
+of its proportions. There is no ground: roads are not flat. Where there are points, rays that ended before the object
+are left out: what nobody labelled hides, too. Dropout goes by albedo, which is not known, nor is a vehicle's glass:
+each object has them drawn, and all of it is drawn `DRAWS` times.
 
-KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
+The ratio of medians is that of the real numbers over the usual one of the draws; the quantiles are of all draws. KS is
+the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
 sightings of 5 objects. "Within the draws" is the share of sightings whose real number lies from the 5th to the 95th
 percentile of their own draws; a model without fault has 90 %. Sweeps follow each other in tenths of a second, so what
 differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %, "without
@@ -31,13 +34,14 @@ from drive_logs import SLACK, Box, DriveSweep, Log, points_of, read_log, within
 import zbuf_occlude as zo
 from zbuf_occlude.base.errors import OccludeError
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.meshes.shapes.road_users import RIDDEN_FROM
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.noise import detection_probability
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.kinds import box_mesh, pole_mesh
-from zbuf_occlude.sensors.scenes.scene import ALBEDOS, draw_albedos
+from zbuf_occlude.sensors.scenes.scene import draw_albedos
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
@@ -59,22 +63,22 @@ LEAST, LEAST_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
 MOST = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
+PARITIES = {"all": None, "even": 0, "odd": 1}
+"""Remainders of the numbers of sweeps, by name."""
 MODELS = 5
 """Built-in road users that fill a box in turn: what a labelled object is like in its box is not known."""
 LIKELY = 40
 """Members among which the `MODELS` of a person are found, by the proportions of the box."""
-DRAWS = 40
-"""How often albedos and returns are drawn."""
+DRAWS = 200
+"""How often albedos, glass and returns are drawn."""
 BEFORE = 0.5
 """Metres. A real return so much nearer than a simulated one is of something in front; labels are not as exact."""
-SHADES = 48
-"""Albedos for which the share of returns is computed; between them it is interpolated."""
 
 
 class Counted(NamedTuple):
     """One sighting of an object: what, where, its real number of returns; of each model those simulated.
 
-    A simulated return has a cosine, a range, and the factor on the albedo of what it meets.
+    A simulated return has a cosine, a range, and 1 where it is at a window.
     """
 
     group: str
@@ -104,7 +108,7 @@ def filled(given: Box, number: int) -> Placed:
     if kind in ("pedestrian", "bicycle") and given.sides[2] >= RIDDEN_FROM:
         mesh = person("cyclist" if kind == "bicycle" else kind, tuple(sides), number)
     elif kind in ("car", "bus"):
-        mesh = stretched(shapes.traffic.make(member, (given.identity + number) % 1000), sides)
+        mesh = stretched(traffic.make(member, (given.identity + number) % 1000), sides)
     elif kind in shapes.ROAD_USERS:
         mesh = shapes.road_user(kind, given.sides)
     else:
@@ -122,7 +126,7 @@ def stretched(mesh: zo.Mesh, sides: np.ndarray) -> zo.Mesh:
 @lru_cache(1)
 def proportions(label: str) -> np.ndarray:
     """Return width and length over height of `LIKELY` members, (n, 2)."""
-    sides = np.array([np.ptp(shapes.traffic.make(label, i).bounds, axis=0) for i in range(LIKELY)])
+    sides = np.array([np.ptp(traffic.make(label, i).bounds, axis=0) for i in range(LIKELY)])
     return sides[:, :2] / sides[:, 2:]
 
 
@@ -130,7 +134,7 @@ def proportions(label: str) -> np.ndarray:
 def person(label: str, sides: tuple[float, float, float], number: int) -> zo.Mesh:
     """Return the member whose proportions are the `number`-th most like a box's, as high as the box."""
     away = np.linalg.norm(np.log(proportions(label) / (np.array(sides[:2]) / sides[2])), axis=1)
-    mesh = shapes.traffic.make(label, int(np.argsort(away)[number]))
+    mesh = traffic.make(label, int(np.argsort(away)[number]))
     return mesh.transformed(sides[2] / float(np.ptp(mesh.bounds, axis=0)[2]))
 
 
@@ -167,10 +171,10 @@ def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
 
 
 def returns_in(sweep: DriveSweep, targets: list[int], model: int, sensor: Sensor) -> list[np.ndarray]:
-    """Return cosine, range and factor on the albedo of the returns in each target's box, all boxes filled anew."""
+    """Return the simulated returns (n, 3) in each target's box, with all boxes filled by their models of a number."""
     models, found = [filled(box, model) for box in sweep.boxes], []
     scene = Scene.joined(models)
-    factors = np.ones(len(scene.mesh.faces)) if scene.scattering is None else scene.scattering
+    is_glass = np.zeros(len(scene.mesh.faces)) if scene.scattering is None else scene.scattering < 1.0
     with zo.prepare(scene.mesh, "exact") as occluder:
         for number in targets:
             box = sweep.boxes[number]
@@ -182,7 +186,7 @@ def returns_in(sweep: DriveSweep, targets: list[int], model: int, sensor: Sensor
                 scans = [s.select(~hidden_by_others(s, box, sensor, sweep.cloud)) for s in scans]
             else:
                 scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
-            rows = [np.stack([np.cos(s.incidences), s.clean_ranges, factors[s.face_ids]], axis=1) for s in scans]
+            rows = [np.stack([np.cos(s.incidences), s.clean_ranges, is_glass[s.face_ids]], axis=1) for s in scans]
             found.append(np.concatenate(rows))
     return found
 
@@ -214,18 +218,20 @@ def hidden_by_others(scan: Scan, box: Box, sensor: Sensor, cloud: Path) -> np.nd
 
 
 def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
-    """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with an albedo drawn for each object."""
-    shades = np.linspace(*np.log(ALBEDOS), SHADES)
+    """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with albedos and glass drawn."""
+    low, high = traffic.GLASS
     found = np.zeros((DRAWS, len(sightings)), dtype=np.int64)
     rng = np.random.default_rng(0)
     for number, one in enumerate(sightings):
-        albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
+        own = np.random.default_rng(one.identity)
+        albedos, glass = draw_albedos(own, DRAWS)[:, None], low * (high / low) ** own.random((DRAWS, 1))
         for model, returns in enumerate(one.returns):
-            cosines, ranges, factors = returns.T
+            cosines, ranges, is_glass = returns.T
             if len(ranges):
                 mine = slice(model, None, MODELS)
-                shares = detection_probability(np.exp(shades)[:, None] * factors, cosines, ranges, reach).mean(axis=1)
-                found[mine, number] = rng.binomial(len(ranges), np.interp(np.log(albedos[mine]), shades, shares))
+                behind = albedos[mine] * np.where(is_glass, glass[mine], 1.0)
+                shares = detection_probability(behind, cosines, ranges, reach).mean(axis=1)
+                found[mine, number] = rng.binomial(len(ranges), shares)
     return found
 
 
@@ -236,6 +242,11 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(below[0] - below[1]).max())
 
 
+def median_of_draws(simulated: np.ndarray) -> float:
+    """Return the usual median of the sightings in a draw (DRAWS, sightings): few and unlike ones have no middle."""
+    return float(np.median(np.median(simulated, axis=1)))
+
+
 def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> str:
     """Say between what the ratio of medians lies when objects, not sightings, are drawn anew: 5 and 95 %."""
     rng = np.random.default_rng(0)
@@ -244,7 +255,7 @@ def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> s
     ratios = []
     for _ in range(400):
         mine = np.concatenate([of_each[i] for i in rng.integers(len(names), size=len(names))])
-        ratios.append(np.median(real[mine]) / max(np.median(simulated[:, mine]), 0.5))
+        ratios.append(np.median(real[mine]) / max(median_of_draws(simulated[:, mine]), 0.5))
     low, high = np.quantile(ratios, (0.05, 0.95))
     return f"{low:.2f}..{high:.2f}"
 
@@ -269,7 +280,7 @@ def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
             of_both = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, made)]
             shown = " | ".join(", ".join(f"{q:.0f}" for q in each) for each in of_both)
             without = np.median([sightings[i].n_without_dropout for i in mine])
-            ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (of_both[1][0], without))
+            ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (median_of_draws(made), without))
             trust, far = "-", "-"
             if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
                 distances[group, nearest] = distance_between(real, made.ravel())
@@ -305,9 +316,11 @@ def listed(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
     ]
 
 
-def measure(log: Log) -> list[str]:
+def measure(log: Log, parity: str = "all") -> list[str]:
     """Scan a log's sweeps and report."""
-    sweeps = [without_own_car(sweep) for sweep in log.sweeps]
+    numbers = [int(s.cloud.stem) if s.cloud and s.cloud.stem.isdigit() else i for i, s in enumerate(log.sweeps)]
+    kept = [sweep for number, sweep in zip(numbers, log.sweeps, strict=True) if PARITIES[parity] in (None, number % 2)]
+    sweeps = [without_own_car(sweep) for sweep in kept]
     n_wanted = sum(wanted(box, sweep.mounts[0]) for sweep in sweeps for box in sweep.boxes)
     taken = sweeps[:: -(-n_wanted // MOST) or 1]
     reach = log.sensor.noise_model.detection_range
@@ -327,12 +340,12 @@ def measure(log: Log) -> list[str]:
     return [head, "", *few, *report(sightings, simulated), *end]
 
 
-def main(log: Path, *, sensor: str | None = None, out: Path | None = None) -> None:
+def main(log: Path, *, sensor: str | None = None, sweeps: str = "all", out: Path | None = None) -> None:
     try:
         drive = read_log(log, sensor)
         for reason in drive.skipped:
             print(f"skipped: {reason}", file=sys.stderr, flush=True)
-        lines = measure(drive)
+        lines = measure(drive, sweeps)
     except OccludeError as error:
         raise SystemExit(f"error: {log}: {error}") from None
     print("\n".join(lines))
@@ -341,4 +354,4 @@ def main(log: Path, *, sensor: str | None = None, out: Path | None = None) -> No
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, __doc__, sweeps=PARITIES)

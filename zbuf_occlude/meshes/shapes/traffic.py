@@ -75,10 +75,18 @@ def _sides(draw: Draw, label: str) -> tuple[float, float, float]:
     return length, width, height
 
 
-GLASS = Material((0.1, 0.1, 0.1), name="glass", scattering=0.01)
-"""Window panes. They mirror light away and absorb what enters a car; the share that is scattered back is fitted."""
+GLASS = (0.05, 1.0)
+"""Range of the factor on the albedo by which windows scatter light back, its logarithm uniform over members: dark glass
+mirrors light away and absorbs it, behind clear glass seats are seen. Fitted to the cars of four KITTI sweeps
+(docs/real_scans.md)."""
 BODY = Material((0.485, 0.485, 0.485), name="body")
 """Everything else: luminance 0.2, the typical albedo of objects in scans."""
+
+
+def glass_of(draw: Draw) -> Material:
+    """Return the material of a vehicle's windows."""
+    low, high = GLASS
+    return Material((0.1, 0.1, 0.1), name="glass", scattering=low * (high / low) ** draw.between(0.0, 1.0))
 
 
 def _vehicle(draw: Draw, label: str) -> MeshPart:
@@ -259,11 +267,12 @@ def make(label: str, index: int, seed: int = 0) -> Mesh:
     check_int("index", index, 0)
     check_int("seed", seed, 0)
     number = zlib.crc32(f"road-users/{label}".encode())
-    part = MAKERS[label](Draw(np.random.default_rng(np.random.SeedSequence([seed, number, index]))))
+    draw = Draw(np.random.default_rng(np.random.SeedSequence([seed, number, index])))
+    part = MAKERS[label](draw)
     low, high = part.points.min(axis=0), part.points.max(axis=0)
     # single precision, as in files; it also makes the last bits equal on all processors
     points = (part.points - [*((low + high) / 2)[:2], low[2]]).astype(np.float32).astype(np.float64)
-    colors = None if part.glass is None else SurfaceColors((BODY, GLASS), part.glass.astype(np.int32))
+    colors = None if part.glass is None else SurfaceColors((BODY, glass_of(draw)), part.glass.astype(np.int32))
     name, origin = f"{label}_{index:04d}", _origin(label, index, seed)
     return Mesh(points, part.faces, name=name, origin=origin, colors=colors).cleaned()
 
