@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import figures
+import matplotlib.colors
 import matplotlib.image
 import numpy as np
 from common import ROOT, run
@@ -348,6 +349,28 @@ def every_shape(folder: Path) -> None:
         matplotlib.image.imsave(folder / f"{label}.png", np.vstack(rows))
 
 
+ROAD_USERS = {"pedestrian": 16, "cyclist": 8, "car": 4, "van": 4, "truck": 6, "bus": 2}
+"""Members of each class in the picture of road users."""
+
+
+def road_users(out: Path) -> None:
+    """Draw road users, windows dark."""
+    tiles = []
+    for label, count in ROAD_USERS.items():
+        for index in range(count):
+            mesh = shapes.traffic.make(label, index).normalized()
+            colours = np.tile(matplotlib.colors.to_rgb(SURFACE), (len(mesh.faces), 1))
+            if mesh.colors is not None:
+                colours[mesh.colors.scattering < 1.0] = 0.15
+            figure, axes = new_figure(1, 1, panel=1.5)
+            view = {"eye": (2.6, -3.0, 0.9), "target": MIDDLE, "perspective": False}
+            draw_mesh(axes[0, 0], mesh, face_colours=colours, **view)
+            figure.canvas.draw()
+            tiles.append(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
+    rows = [np.hstack(tiles[i : i + 8]) for i in range(0, len(tiles), 8)]
+    matplotlib.image.imsave(out, np.vstack(rows))
+
+
 PICTURES = {
     "hero": hero,
     "benchmarks": benchmarks,
@@ -355,6 +378,7 @@ PICTURES = {
     "frames": frames,
     "exact_corner": exact_corner,
     "shapes": every_shape,
+    "road_users": road_users,
 }
 
 

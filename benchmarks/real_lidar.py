@@ -1,17 +1,20 @@
 """Simulated against real numbers of returns: models as large as the labelled boxes of a drive, seen by its LiDARs.
 
-    python benchmarks/real_lidar.py LOG [--sensor NAME] [--out FILE.md]
+    python benchmarks/real_lidar.py LOG [--sensor NAME] [--sweeps even|odd] [--out FILE.md]
 
 --sensor: a name of the table of sensors, instead of finding it from the log. --out: write the tables there too.
+--sweeps: only files of even or odd numbers. On KITTI's even ones the windows of built-in vehicles were fitted.
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
-and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
+and nothing chosen here: the sensor is found from the log, and its numbers are those of the table of sensors.
 
 Labelled cars, trucks, buses, cyclists and pedestrians between 5 and 80 m are scanned among all other boxes of their
-sweep. A box is filled with a built-in car stretched to it, or with the road user of its class. There is no ground, and
-nothing that nobody labelled: roads are not flat, and what hides an object unlabelled is not known. Dropout goes by
-albedo, which is not known either: each object has one drawn, and all of it is drawn `DRAWS` times.
+sweep. A box is filled with `MODELS` built-in road users in turn: vehicles stretched to it, people as high as it and
+of its proportions. There is no ground: roads are not flat. Where there are points, rays that ended before the object
+are left out: what nobody labelled hides, too. Dropout goes by albedo, which is not known, nor is a vehicle's glass:
+each object has them drawn, and all of it is drawn `DRAWS` times.
 
-KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
+The ratio of medians is that of the real numbers over the usual one of the draws; the quantiles are of all draws. KS is
+the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
 sightings of 5 objects. "Within the draws" is the share of sightings whose real number lies from the 5th to the 95th
 percentile of their own draws; a model without fault has 90 %. Sweeps follow each other in tenths of a second, so what
 differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %, "without
@@ -19,21 +22,26 @@ dropout" that to all that geometry lets return.
 """
 
 import sys
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from common import run
-from drive_logs import SLACK, Box, DriveSweep, Log, read_log, within
+from drive_logs import SLACK, Box, DriveSweep, Log, points_of, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude.base.errors import OccludeError
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import traffic
+from zbuf_occlude.meshes.shapes.road_users import RIDDEN_FROM
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.noise import detection_probability
+from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.kinds import box_mesh, pole_mesh
-from zbuf_occlude.sensors.scenes.scene import ALBEDOS, draw_albedos
+from zbuf_occlude.sensors.scenes.scene import draw_albedos
 
 KINDS = (
     *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
@@ -55,23 +63,35 @@ LEAST, LEAST_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
 MOST = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
-CARS = [shapes.make("car", i) for i in range(12)]
-"""What boxes of cars are filled with; `detection_range` was fitted with them."""
-DRAWS = 40
-"""How often albedos and returns are drawn."""
-SHADES = 48
-"""Albedos for which the share of returns is computed; between them it is interpolated."""
+PARITIES = {"all": None, "even": 0, "odd": 1}
+"""Remainders of the numbers of sweeps, by name."""
+MODELS = 5
+"""Built-in road users that fill a box in turn: what a labelled object is like in its box is not known."""
+LIKELY = 40
+"""Members among which the `MODELS` of a person are found, by the proportions of the box."""
+DRAWS = 200
+"""How often albedos, glass and returns are drawn."""
+BEFORE = 0.5
+"""Metres. A real return so much nearer than a simulated one is of something in front; labels are not as exact."""
 
 
 class Counted(NamedTuple):
-    """One sighting of an object: what, where, its real number of returns; cosine and range of each simulated one."""
+    """One sighting of an object: what, where, its real number of returns; of each model those simulated.
+
+    A simulated return has a cosine, a range, and 1 where it is at a window.
+    """
 
     group: str
     category: str
     identity: int
     distance: float
     real: int
-    returns: np.ndarray
+    returns: list[np.ndarray]
+
+    @property
+    def n_without_dropout(self) -> float:
+        """Simulated returns, of all models in the mean."""
+        return float(np.mean([len(each) for each in self.returns]))
 
 
 def kind_of(category: str) -> str:
@@ -79,19 +99,43 @@ def kind_of(category: str) -> str:
     return next((kind for word, kind in KINDS if word in category.lower()), "box")
 
 
-def filled(given: Box) -> Placed:
-    """Return a model as large as a box, put there."""
+def filled(given: Box, number: int) -> Placed:
+    """Return one of the `MODELS` as large as a box, put there."""
     kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
-    if kind in shapes.ROAD_USERS:
+    foot = given.centre - [0.0, 0.0, sides[2] / 2]
+    pose = moved(yaw=given.yaw + np.pi / 2, to=foot)  # built-in ones face -y
+    member = "van" if "van" in given.category.lower() else kind
+    if kind in ("pedestrian", "bicycle") and given.sides[2] >= RIDDEN_FROM:
+        mesh = person("cyclist" if kind == "bicycle" else kind, tuple(sides), number)
+    elif kind in ("car", "bus"):
+        mesh = stretched(traffic.make(member, (given.identity + number) % 1000), sides)
+    elif kind in shapes.ROAD_USERS:
         mesh = shapes.road_user(kind, given.sides)
     else:
-        other = pole_mesh(0.5, 1.0) if kind == "pole" else box_mesh(1.0, 1.0, 1.0)
-        mesh = CARS[given.identity % len(CARS)] if kind == "car" else other
-        mesh = mesh.transformed(1.0, -mesh.centre)
-        scale = sides / np.ptp(mesh.bounds, axis=0)
-        mesh = zo.Mesh(mesh.vertices * scale + [0.0, 0.0, sides[2] / 2], mesh.faces)
-    foot = given.centre - [0.0, 0.0, sides[2] / 2]
-    return Placed(mesh, given.category, moved(yaw=given.yaw + np.pi / 2, to=foot))  # built-in ones face -y
+        mesh = stretched(pole_mesh(0.5, 1.0) if kind == "pole" else box_mesh(1.0, 1.0, 1.0), sides)
+    return Placed(mesh, given.category, pose)
+
+
+def stretched(mesh: zo.Mesh, sides: np.ndarray) -> zo.Mesh:
+    """Return a mesh as wide, long and high as `sides`, on z = 0."""
+    mesh = mesh.transformed(1.0, -mesh.centre)
+    scale = sides / np.ptp(mesh.bounds, axis=0)
+    return replace(mesh, vertices=mesh.vertices * scale + [0.0, 0.0, sides[2] / 2])
+
+
+@lru_cache(1)
+def proportions(label: str) -> np.ndarray:
+    """Return width and length over height of `LIKELY` members, (n, 2)."""
+    sides = np.array([np.ptp(traffic.make(label, i).bounds, axis=0) for i in range(LIKELY)])
+    return sides[:, :2] / sides[:, 2:]
+
+
+@lru_cache(256)
+def person(label: str, sides: tuple[float, float, float], number: int) -> zo.Mesh:
+    """Return the member whose proportions are the `number`-th most like a box's, as high as the box."""
+    away = np.linalg.norm(np.log(proportions(label) / (np.array(sides[:2]) / sides[2])), axis=1)
+    mesh = traffic.make(label, int(np.argsort(away)[number]))
+    return mesh.transformed(sides[2] / float(np.ptp(mesh.bounds, axis=0)[2]))
 
 
 def wanted(given: Box, mount: np.ndarray) -> bool:
@@ -113,39 +157,81 @@ def without_own_car(sweep: DriveSweep) -> DriveSweep:
 
 def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
     """Scan every object of a sweep."""
-    models, found = [filled(box) for box in sweep.boxes], []
-    if not any(wanted(box, sweep.mounts[0]) for box in sweep.boxes):
+    targets = [number for number, box in enumerate(sweep.boxes) if wanted(box, sweep.mounts[0])]
+    if not targets:
         return []
+    returns = [returns_in(sweep, targets, model, sensor) for model in range(MODELS)]
+    found = []
+    for number, of_models in zip(targets, zip(*returns, strict=True), strict=True):
+        box = sweep.boxes[number]
+        distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
+        group = GROUPS[kind_of(box.category)]
+        found.append(Counted(group, box.category, box.identity, distance, box.n_points or 0, list(of_models)))
+    return found
+
+
+def returns_in(sweep: DriveSweep, targets: list[int], model: int, sensor: Sensor) -> list[np.ndarray]:
+    """Return the simulated returns (n, 3) in each target's box, with all boxes filled by their models of a number."""
+    models, found = [filled(box, model) for box in sweep.boxes], []
     scene = Scene.joined(models)
+    is_glass = np.zeros(len(scene.mesh.faces)) if scene.scattering is None else scene.scattering < 1.0
     with zo.prepare(scene.mesh, "exact") as occluder:
-        for number, box in enumerate(sweep.boxes):
-            if not wanted(box, sweep.mounts[0]):
-                continue
+        for number in targets:
+            box = sweep.boxes[number]
             corners = np.stack([models[number].vertices.min(axis=0), models[number].vertices.max(axis=0)])
             scans = [zo.scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
             # as real ones are counted: here, or by the makers, strictly within; boxes overlap
             if sweep.cloud is not None:
                 scans = [s.select(within(box, s.points, SLACK)) for s in scans]
+                scans = [s.select(~hidden_by_others(s, box, sensor, sweep.cloud)) for s in scans]
             else:
                 scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
-            returns = np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], axis=1) for s in scans])
-            distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
-            group = GROUPS[kind_of(box.category)]
-            found.append(Counted(group, box.category, box.identity, distance, box.n_points or 0, returns))
+            rows = [np.stack([np.cos(s.incidences), s.clean_ranges, is_glass[s.face_ids]], axis=1) for s in scans]
+            found.append(np.concatenate(rows))
+    return found
+
+
+@lru_cache(2)
+def as_rays(cloud: Path, sensor: Sensor) -> list[np.ndarray]:
+    """Return azimuth, range and number of the points of each laser, (n, 3), in the order of their azimuths."""
+    points = points_of(cloud)
+    rings = np.argmin([np.abs(above) for above in sensor.angles_above_lasers(points)], axis=0)
+    rows = np.stack([np.arctan2(points[:, 1], points[:, 0]), np.linalg.norm(points, axis=1), np.arange(len(points))], 1)
+    return [rows[rings == ring][np.argsort(rows[rings == ring, 0])] for ring in range(int(rings.max()) + 1)]
+
+
+def hidden_by_others(scan: Scan, box: Box, sensor: Sensor, cloud: Path) -> np.ndarray:
+    """Whether the real ray beside each simulated one (n,) ended `BEFORE` it, outside the box: what nobody labelled."""
+    found = np.zeros(len(scan), dtype=bool)
+    azimuths, step = np.arctan2(scan.points[:, 1], scan.points[:, 0]), 2.0 * np.pi / sensor.pattern["columns"]
+    for ring, rows in enumerate(as_rays(cloud, sensor)):
+        mine = np.flatnonzero(scan.rings == ring)
+        if not len(mine) or not len(rows):
+            continue
+        after = np.searchsorted(rows[:, 0], azimuths[mine])
+        beside = np.stack([np.maximum(after - 1, 0), np.minimum(after, len(rows) - 1)])
+        off = np.abs(rows[beside, 0] - azimuths[mine])
+        nearest = rows[np.take_along_axis(beside, off.argmin(axis=0)[None], axis=0)[0]]
+        outside = ~within(box, points_of(cloud)[nearest[:, 2].astype(int)], BEFORE)
+        found[mine] = (off.min(axis=0) < step) & (nearest[:, 1] < scan.clean_ranges[mine] - BEFORE) & outside
     return found
 
 
 def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
-    """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with an albedo drawn for each object."""
-    shades = np.linspace(*np.log(ALBEDOS), SHADES)
+    """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with albedos and glass drawn."""
+    low, high = traffic.GLASS
     found = np.zeros((DRAWS, len(sightings)), dtype=np.int64)
     rng = np.random.default_rng(0)
     for number, one in enumerate(sightings):
-        albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
-        cosines, ranges = one.returns.T
-        if len(ranges):
-            shares = detection_probability(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1)
-            found[:, number] = rng.binomial(len(ranges), np.interp(np.log(albedos), shades, shares))
+        own = np.random.default_rng(one.identity)
+        albedos, glass = draw_albedos(own, DRAWS)[:, None], low * (high / low) ** own.random((DRAWS, 1))
+        for model, returns in enumerate(one.returns):
+            cosines, ranges, is_glass = returns.T
+            if len(ranges):
+                mine = slice(model, None, MODELS)
+                behind = albedos[mine] * np.where(is_glass, glass[mine], 1.0)
+                shares = detection_probability(behind, cosines, ranges, reach).mean(axis=1)
+                found[mine, number] = rng.binomial(len(ranges), shares)
     return found
 
 
@@ -156,6 +242,11 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(below[0] - below[1]).max())
 
 
+def median_of_draws(simulated: np.ndarray) -> float:
+    """Return the usual median of the sightings in a draw (DRAWS, sightings): few and unlike ones have no middle."""
+    return float(np.median(np.median(simulated, axis=1)))
+
+
 def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> str:
     """Say between what the ratio of medians lies when objects, not sightings, are drawn anew: 5 and 95 %."""
     rng = np.random.default_rng(0)
@@ -164,7 +255,7 @@ def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> s
     ratios = []
     for _ in range(400):
         mine = np.concatenate([of_each[i] for i in rng.integers(len(names), size=len(names))])
-        ratios.append(np.median(real[mine]) / max(np.median(simulated[:, mine]), 0.5))
+        ratios.append(np.median(real[mine]) / max(median_of_draws(simulated[:, mine]), 0.5))
     low, high = np.quantile(ratios, (0.05, 0.95))
     return f"{low:.2f}..{high:.2f}"
 
@@ -188,8 +279,8 @@ def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
             real, made, names = reals[mine], simulated[:, mine], [sightings[i].identity for i in mine]
             of_both = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, made)]
             shown = " | ".join(", ".join(f"{q:.0f}" for q in each) for each in of_both)
-            without = np.median([len(sightings[i].returns) for i in mine])
-            ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (of_both[1][0], without))
+            without = np.median([sightings[i].n_without_dropout for i in mine])
+            ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (median_of_draws(made), without))
             trust, far = "-", "-"
             if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
                 distances[group, nearest] = distance_between(real, made.ravel())
@@ -218,16 +309,18 @@ def listed(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
         "| | metres | real | simulated | 5 to 95 % | without dropout |",
         "| --- | ---: | ---: | ---: | ---: | ---: |",
         *(
-            f"| {o.category} | {o.distance:.0f} | {o.real} | {m:.0f} | {a:.0f}..{b:.0f} | {len(o.returns)} |"
+            f"| {o.category} | {o.distance:.0f} | {o.real} | {m:.0f} | {a:.0f}..{b:.0f} | {o.n_without_dropout:.0f} |"
             for o, m, a, b in sorted(zip(sightings, middle, low, high, strict=True), key=lambda row: row[0].distance)
         ),
         "",
     ]
 
 
-def measure(log: Log) -> list[str]:
+def measure(log: Log, parity: str = "all") -> list[str]:
     """Scan a log's sweeps and report."""
-    sweeps = [without_own_car(sweep) for sweep in log.sweeps]
+    numbers = [int(s.cloud.stem) if s.cloud and s.cloud.stem.isdigit() else i for i, s in enumerate(log.sweeps)]
+    kept = [sweep for number, sweep in zip(numbers, log.sweeps, strict=True) if PARITIES[parity] in (None, number % 2)]
+    sweeps = [without_own_car(sweep) for sweep in kept]
     n_wanted = sum(wanted(box, sweep.mounts[0]) for sweep in sweeps for box in sweep.boxes)
     taken = sweeps[:: -(-n_wanted // MOST) or 1]
     reach = log.sensor.noise_model.detection_range
@@ -247,12 +340,12 @@ def measure(log: Log) -> list[str]:
     return [head, "", *few, *report(sightings, simulated), *end]
 
 
-def main(log: Path, *, sensor: str | None = None, out: Path | None = None) -> None:
+def main(log: Path, *, sensor: str | None = None, sweeps: str = "all", out: Path | None = None) -> None:
     try:
         drive = read_log(log, sensor)
         for reason in drive.skipped:
             print(f"skipped: {reason}", file=sys.stderr, flush=True)
-        lines = measure(drive)
+        lines = measure(drive, sweeps)
     except OccludeError as error:
         raise SystemExit(f"error: {log}: {error}") from None
     print("\n".join(lines))
@@ -261,4 +354,4 @@ def main(log: Path, *, sensor: str | None = None, out: Path | None = None) -> No
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main, __doc__, sweeps=PARITIES)

@@ -47,6 +47,22 @@ def held_to(log: "drive_logs.Log", drive: tuple[str, Scan]) -> None:
         assert box.n_points == pytest.approx(is_own.sum(), abs=1)
 
 
+def test_what_nobody_labelled_hides(tmp_path: Path) -> None:
+    """A sweep of a car half behind a wall that has no box: simulated returns are left out where the wall returned."""
+    wall = Placed(box_mesh(0.2, 3.0, 4.0), "wall", moved(to=(8.0, 1.5, FLOOR)))
+    car = Placed(box_mesh(*SIDES), "car", moved(yaw=np.pi / 2, to=(12.0, 0.0, FLOOR)))
+    sensor = make("hdl-64e", noise=0, columns=900)
+    alone, among = (zo.scan(Scene.joined(placed), sensor) for placed in ([car], [car, wall]))
+    cloud = tmp_path / "000001.bin"
+    np.column_stack([among.points, np.zeros(len(among))]).astype(np.float32).tofile(cloud)
+    box = drive_logs.Box("Car", SIDES, np.array([12.0, 0.0, FLOOR + SIDES[2] / 2]), np.pi / 2, 0, 1)
+    hidden = real_lidar.hidden_by_others(alone, box, sensor, cloud)
+    seen = (among.instances == 0).sum()
+    assert 0.3 * len(alone) < seen < 0.7 * len(alone)
+    assert (~hidden).sum() == pytest.approx(seen, rel=0.02)
+    assert (alone.points[hidden, 1] > -0.1).all()
+
+
 def test_kitti(tmp_path: Path, drive: tuple[str, Scan]) -> None:
     """Objects and tracking: the camera is 0.3 m before the LiDAR and 0.1 m below it: x right, y down, z ahead."""
     points = drive[1].points
@@ -122,9 +138,9 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
     boxes = [drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([15.0, 4.0, 0.0]), 0.3, 0, 1),
              drive_logs.Box("CYCLIST", np.array([1.8, 0.6, 1.75]), np.array([9.0, -4.0, -0.8]), 2.0, 0, 2)]  # fmt: skip
     sensor = make("hdl-64e", noise=0, columns=900)
-    scan = zo.scan(Scene.joined([real_lidar.filled(box) for box in boxes]), sensor)
+    scan = zo.scan(Scene.joined([real_lidar.filled(box, 0) for box in boxes]), sensor)
     found = real_lidar.sightings_in(drive_logs.DriveSweep(boxes, [np.eye(4)]), sensor)
-    assert [len(one.returns) for one in found] == [(scan.instances == i).sum() for i in range(2)]
+    assert [len(one.returns[0]) for one in found] == [(scan.instances == i).sum() for i in range(2)]
     assert [one.group for one in found] == ["trucks and buses", "cyclists"]
     rows = [[box.category, *box.sides, *box.centre, np.degrees(box.yaw), 7] for box in reversed(boxes)]
     table = [drive_logs.COLUMNS, *rows]
@@ -137,18 +153,20 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
         drive_logs.read_log(tmp_path)
 
 
-def test_real_and_simulated_returns_are_counted_in_the_same_way() -> None:
+def test_real_and_simulated_returns_are_counted_in_the_same_way(tmp_path: Path) -> None:
     """Noise and rounded labels put returns out of boxes, and the ground puts some in at their feet."""
     floor = zo.Mesh([[-30, -30, FLOOR], [30, -30, FLOOR], [0, 40, FLOOR]], [[0, 1, 2]])
     box = drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([12.0, 4.0, FLOOR + 1.6]), 0.3, 0, 1)
     sensor = make("hdl-64e", columns=900, detection_range=0.0, sigma=0.02, step=0.0)
-    scan = zo.scan(Scene.joined([real_lidar.filled(box), Placed(floor, "ground")]), sensor, seed=0)
+    scan = zo.scan(Scene.joined([real_lidar.filled(box, 0), Placed(floor, "ground")]), sensor, seed=0)
     shrunk = drive_logs.replace(box, sides=box.sides - 1e-4)
     assert drive_logs.within(shrunk, scan.points).sum() < 0.9 * (scan.instances == 0).sum(), "what must not be compared"
     real = drive_logs.count_in(shrunk, scan.points).n_points
-    sweep = drive_logs.DriveSweep([shrunk], [np.eye(4)], Path("1.bin"))
+    cloud = tmp_path / "000001.bin"
+    np.column_stack([scan.points, np.zeros(len(scan))]).astype("<f4").tofile(cloud)
+    sweep = drive_logs.DriveSweep([shrunk], [np.eye(4)], cloud)
     (found,) = real_lidar.sightings_in(sweep, sensor.with_numbers(sigma=0.0))
-    assert real == pytest.approx(len(found.returns), rel=0.02)
+    assert real == pytest.approx(len(found.returns[0]), rel=0.02)
 
 
 CALIBRATION = "R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n"

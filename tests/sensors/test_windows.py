@@ -9,8 +9,12 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, soup, stacked
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
+from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.capture import in_metres
+from zbuf_occlude.sensors.noise import ROUGH_BACKSCATTER
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors.setup import ScanConfig
 
 PASSING = 0.7
 
@@ -156,6 +160,44 @@ def test_glass_hides_nothing_and_drives_with_its_van() -> None:
             points.positions - [9.0, 0, 0], np.where(points.face_ids > 1, points.face_ids - 2, -1), points.normals
         )
         assert np.array_equal(seen, alone.visible(local, [-9.0, 0.0, 0.0]))
+
+
+def test_dark_glass_scatters_its_share_back() -> None:
+    """The factor multiplies the albedo: intensities are as much weaker, and so many fewer returns are detected."""
+    factor, reach, wall = 0.1, 40.0, stacked(ACROSS * 40.0 + [10.0, 0, 0])
+    dark = replace(wall, colors=SurfaceColors((Material((1.0, 1, 1), scattering=factor),), np.zeros(2, np.int32)))
+    scenes = [Scene.joined([Placed(mesh, "wall", albedo=0.3)]) for mesh in (wall, dark)]
+    assert scenes[0].scattering is None
+    assert scenes[1].is_opaque_and_static
+    plain, found = (zo.scan(scene, lidar(noise=0)) for scene in scenes)
+    assert found.intensities == pytest.approx(factor * plain.intensities, rel=1e-12)
+    assert found.points == pytest.approx(plain.points)
+    sensor = lidar(sigma=0, step=0, divergence=0, detection_range=reach)
+    cosines = np.cos(plain.incidences)
+    backscatter = cosines + ROUGH_BACKSCATTER * (1.0 - cosines**2)
+    expected = np.exp(-((plain.ranges / reach) ** 2) / (0.3 * factor * backscatter)).sum()
+    kept = np.mean([len(zo.scan(scenes[1], sensor, seed=seed)) for seed in range(20)])
+    assert kept == pytest.approx(expected, abs=4 * np.sqrt(expected / 20))
+
+
+@pytest.mark.parametrize("scattering", [[0.5], [0.5, 1.5], [np.nan, 1.0]])
+def test_a_factor_is_one_per_face_in_0_to_1(scattering: list[float]) -> None:
+    wall = stacked(ACROSS * 4.0)
+    with pytest.raises(zo.ArgumentError, match="scattering"):
+        Scene(wall, np.zeros(2, np.int32), ("wall",), np.ones(1), scattering=np.array(scattering))
+
+
+def test_windows_of_road_users_reach_datasets() -> None:
+    """The mesh of a cloud keeps what its windows scatter; names make the same windows transparent."""
+    car, config = traffic.make("car", 0), ScanConfig(make("vlp-16").to_dict())
+    assert car.colors is not None
+    standing, _ = in_metres(car, "car", config)
+    assert standing.colors is not None
+    assert np.array_equal(standing.colors.scattering, car.colors.scattering)
+    assert not standing.colors.transmittance.any()
+    clear = car.transparent({"glass": 0.8}).colors
+    assert clear is not None
+    assert np.array_equal(clear.transmittance == 0.8, car.colors.scattering < 1.0)
 
 
 def test_materials_by_name() -> None:

@@ -31,6 +31,7 @@ class Material(NamedTuple):
     name: str = ""
     transmittance: float = 0.0  # share of the incident light that passes through
     painted: bool = True
+    scattering: float = 1.0  # factor on the albedo: the rest is mirrored away or absorbed, as by dark glass
 
 
 WHITE = Material((1.0, 1.0, 1.0))
@@ -79,6 +80,11 @@ class SurfaceColors:
     def transmittance(self) -> FloatArray:
         """Share of the light that passes through each triangle, (f,)."""
         return np.array([material.transmittance for material in self.materials])[self.material_ids]
+
+    @property
+    def scattering(self) -> FloatArray:
+        """Factor on the albedo of each triangle, (f,)."""
+        return np.array([material.scattering for material in self.materials])[self.material_ids]
 
     def transparent(self, shares: Mapping[str, float | None]) -> "SurfaceColors":
         """Return the colours with only the materials named in `shares` transparent; names may contain ``*``.

@@ -90,7 +90,7 @@ def in_metres(mesh: Mesh, label: str, config: ScanConfig) -> tuple[Mesh, float]:
         raise MeshError(f"{mesh.name} cannot be scanned: all its vertices coincide.")
     size = size_of(label, config.size, mesh.longest_side)
     factor = size / mesh.longest_side
-    colors = mesh.colors.transparent(config.transparent) if mesh.colors is not None and config.transparent else None
+    colors = None if mesh.colors is None else mesh.colors.transparent(config.transparent)
     return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name, colors=colors), size
 
 

@@ -339,8 +339,10 @@ def _returns(
 def _albedos(scene: Scene, face_ids: IntArray, points: FloatArray) -> FloatArray:
     """Return the albedos at points of faces: the luminance of the mesh's colours if it has any, else the objects'."""
     if scene.mesh.colors is None:
-        return np.asarray(scene.albedos[scene.instances[face_ids]])
-    return luminance(scene.mesh.colors.at(face_ids, barycentric(scene.mesh.corners[face_ids], points)))
+        found = np.asarray(scene.albedos[scene.instances[face_ids]])
+    else:
+        found = luminance(scene.mesh.colors.at(face_ids, barycentric(scene.mesh.corners[face_ids], points)))
+    return found if scene.scattering is None else found * scene.scattering[face_ids]
 
 
 def _as_if_at_rest(scan: Scan, rays: Rays, motion: Motion, rotation: FloatArray) -> Scan:

@@ -8,10 +8,11 @@ import pytest
 import zbuf_occlude as zo
 from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes import traffic
+from zbuf_occlude.meshes.shapes import people, traffic
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN, collection_of, find_shape
+from zbuf_occlude.meshes.shapes.draw import Draw
 
-FINGERPRINT = "5ae265e27001f4e3"
+FINGERPRINT = "3fb366f9de0384b6"
 """Of the first five members of each class: whoever changes one raises `traffic.VERSION`."""
 
 
@@ -61,9 +62,73 @@ def test_people_have_the_stated_statures(members: dict[str, list[zo.Mesh]]) -> N
 
 def test_people_take_several_poses(members: dict[str, list[zo.Mesh]]) -> None:
     strides = sides(members["pedestrian"])[:, 0]
-    assert (strides < 0.45).sum() > 8  # standing
+    assert (strides < 0.55).sum() > 8  # standing
     assert ((strides > 0.6) & (strides < 1.0)).sum() > 15  # walking
-    assert (strides > 1.05).sum() > 5  # running
+    assert (strides > 1.05).sum() > 5  # running, or with luggage behind
+
+
+def test_people_are_as_large_as_those_that_kitti_labels(members: dict[str, list[zo.Mesh]]) -> None:
+    """Means of KITTI's training boxes (Qi et al. 2018); boxes of people include what they carry."""
+    for label, box in (("pedestrian", (0.84, 0.66, 1.76)), ("cyclist", (1.76, 0.60, 1.74))):
+        assert sides(members[label]).mean(axis=0) == pytest.approx(box, rel=0.1)
+
+
+@pytest.mark.parametrize("label", ["pedestrian", "cyclist"])
+def test_parts_of_people_are_closed(members: dict[str, list[zo.Mesh]], label: str) -> None:
+    """Each edge is met an even number of times: twice, or more where parts touch."""
+    for mesh in members[label][:20]:
+        _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+        corners = same[mesh.faces]
+        edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+        assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
+
+
+@pytest.mark.parametrize("label", traffic.CLASSES)
+def test_no_two_are_alike(members: dict[str, list[zo.Mesh]], label: str) -> None:
+    """Length, width, height or surface differ by half a percent at least, in any pair."""
+    numbers = np.log(np.column_stack([sides(members[label]), [mesh.areas.sum() for mesh in members[label]]]))
+    apart = np.abs(numbers[:, None] - numbers[None]).max(axis=2)[~np.eye(len(numbers), dtype=bool)]
+    assert apart.min() > 0.005
+
+
+def test_legs_of_walkers_are_in_opposite_phases() -> None:
+    """The hip swings by twice the amplitude; the knee bends further only while the leg swings forward."""
+    phases = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    hips, knees = np.array([people._leg(phase, amplitude=22.0, knee=8.0, flex=55.0) for phase in phases]).T
+    assert np.ptp(hips) == pytest.approx(44.0, rel=1e-3)
+    assert knees.min() == pytest.approx(-63.0)
+    forward = np.cos(phases) > 1e-9
+    assert (knees[~forward] == -8.0).all()
+    assert (knees[forward] < -8.0).all()
+    (left, _), (right, _), (arm, _), _ = people._stride(Draw(np.random.default_rng(0)), 22.0, 8.0, 55.0, 20.0, 10.0)
+    assert left + right == pytest.approx(2 * 0.2 * 22.0)
+    assert (left - 0.2 * 22.0) / 22.0 == pytest.approx(-arm / 20.0)  # the arm swings against the leg beside it
+
+
+def test_vehicles_have_windows_of_drawn_glass(members: dict[str, list[zo.Mesh]]) -> None:
+    factors = []
+    for label in traffic.SIZES:
+        for mesh in members[label]:
+            assert mesh.colors is not None
+            scattering = mesh.colors.scattering
+            factors.append(scattering.min())
+            glass = scattering < 1.0
+            share = mesh.areas[glass].sum() / mesh.areas.sum()
+            assert 0.003 < share < 0.35
+            rising = (mesh.face_normals[glass][:, 2] ** 2 / (mesh.face_normals[glass] ** 2).sum(axis=1)) > 0.99
+            assert mesh.areas[glass][rising].sum() < 0.05 * mesh.areas[glass].sum()  # roofs are no windows
+    low, high = traffic.GLASS
+    ranks = np.sort(np.log(np.array(factors) / low) / np.log(high / low))
+    assert abs(ranks - (np.arange(len(ranks)) + 0.5) / len(ranks)).max() < 1.63 / np.sqrt(len(ranks))  # KS, 1 %
+    assert all(mesh.colors is None for label in ("pedestrian", "cyclist") for mesh in members[label])
+
+
+def test_some_vans_are_closed_behind(members: dict[str, list[zo.Mesh]]) -> None:
+    ends = []
+    for mesh in members["van"]:
+        assert mesh.colors is not None
+        ends.append(mesh.corners[mesh.colors.scattering < 1.0][..., 1].max() / mesh.bounds[1, 1])
+    assert 20 < (np.array(ends) < 0.2).sum() < 55
 
 
 def test_they_are_the_same_everywhere_and_other_seeds_are_others() -> None:

@@ -15,6 +15,7 @@ from zbuf_occlude.meshes.shapes.kit import (
     cuboid,
     cylinder,
     ellipsoid,
+    fan,
     join,
     loft,
     pair,
@@ -166,7 +167,8 @@ def cabin(draw: Draw, f: Form) -> MeshPart:
         return ring + np.array([0.0, (front + rear) / 2, 0.0])
 
     rows = list(zip(levels, wide, shrink, strict=True))
-    parts = [loft(np.stack([ring_at(*row, -0.012) for row in rows]), caps="last")]
+    panes = np.stack([ring_at(*row, -0.012) for row in rows])
+    parts = [loft(panes, caps="none").glazed(), fan(panes[-1])]
     parts.append(loft(np.stack([ring_at(*row, 0.012) for row in rows[3:]]), caps="last"))
     low, high = ring_at(0.0, wide[1], 1.0, 0.008), ring_at(0.88, wide[3], 1.0, 0.008)
     corners = np.arange(4) * (n + 1) + n // 2

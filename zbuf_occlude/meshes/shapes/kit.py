@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.meshes.shapes.curves import circle, cosd, path_frames, sind
 
 Point = Sequence[float] | FloatArray
@@ -18,21 +18,25 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """Points (v, 3) and triangles (f, 3); every operation returns a new part."""
+    """Points (v, 3) and triangles (f, 3); every operation returns a new part.
+
+    `glass` (f,) is True for the triangles of window panes; None: there are none.
+    """
 
     points: FloatArray
     faces: IntArray
+    glass: BoolArray | None = None
 
     def __add__(self, other: "MeshPart") -> "MeshPart":
         return join([self, other])
 
     def at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "MeshPart":
         """Return the part moved by (x, y, z)."""
-        return MeshPart(self.points + np.array((x, y, z)), self.faces)
+        return self.warped(self.points + np.array((x, y, z)))
 
     def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> "MeshPart":
         """Return the part scaled about the origin, axis by axis."""
-        return MeshPart(self.points * (x, y, z), self.faces)
+        return self.warped(self.points * (x, y, z))
 
     def turned(self, axis: str, degrees: float) -> "MeshPart":
         """Return the part rotated about a coordinate axis through the origin, counter-clockwise seen from its tip."""
@@ -41,17 +45,21 @@ class MeshPart:
         points = self.points.copy()
         points[:, i] = c * self.points[:, i] - s * self.points[:, j]
         points[:, j] = s * self.points[:, i] + c * self.points[:, j]
-        return MeshPart(points, self.faces)
+        return self.warped(points)
 
     def mirrored(self, axis: str) -> "MeshPart":
         """Return the part reflected in the coordinate plane across an axis; its winding is reversed, as in much CAD."""
         points = self.points.copy()
         points[:, AXES[axis]] *= -1.0
-        return MeshPart(points, self.faces)
+        return self.warped(points)
 
     def warped(self, points: FloatArray) -> "MeshPart":
         """Return the part with other points (v, 3) and the same triangles."""
-        return MeshPart(points, self.faces)
+        return MeshPart(points, self.faces, self.glass)
+
+    def glazed(self) -> "MeshPart":
+        """Return the part made of glass."""
+        return MeshPart(self.points, self.faces, np.ones(len(self.faces), dtype=bool))
 
 
 def join(parts: Iterable[MeshPart]) -> MeshPart:
@@ -59,7 +67,9 @@ def join(parts: Iterable[MeshPart]) -> MeshPart:
     kept = list(parts)
     starts = np.cumsum([0] + [len(part.points) for part in kept[:-1]])
     faces = [part.faces + start for part, start in zip(kept, starts, strict=True)]
-    return MeshPart(np.concatenate([part.points for part in kept]), np.concatenate(faces).astype(np.int32))
+    glass = [np.zeros(len(part.faces), dtype=bool) if part.glass is None else part.glass for part in kept]
+    panes = None if all(part.glass is None for part in kept) else np.concatenate(glass)
+    return MeshPart(np.concatenate([part.points for part in kept]), np.concatenate(faces).astype(np.int32), panes)
 
 
 def pair(part: MeshPart, axis: str = "x") -> MeshPart:
@@ -81,7 +91,8 @@ def repeated(part: MeshPart, offsets: ArrayLike) -> MeshPart:
     """Return one copy of the part at every offset, (k, 3)."""
     moved = np.asarray(offsets, dtype=np.float64)[:, None, :] + part.points
     starts = np.arange(len(moved))[:, None, None] * len(part.points)
-    return MeshPart(moved.reshape(-1, 3), (part.faces + starts).reshape(-1, 3).astype(np.int32))
+    glass = None if part.glass is None else np.tile(part.glass, len(moved))
+    return MeshPart(moved.reshape(-1, 3), (part.faces + starts).reshape(-1, 3).astype(np.int32), glass)
 
 
 def along(axis: str, values: ArrayLike) -> FloatArray:

@@ -112,6 +112,8 @@ class Scene:
         The objects, where they are known.
     transmittance : (f,) float, optional
         Share of the light that each face lets pass (`SurfaceColors.transmittance`). Default: 0.
+    scattering : (f,) float, optional
+        Factor on the albedo of each face (`SurfaceColors.scattering`). Default: 1.
 
     Examples
     --------
@@ -126,6 +128,7 @@ class Scene:
     albedos: FloatArray
     placed: tuple[Placed, ...] = ()
     transmittance: FloatArray | None = None
+    scattering: FloatArray | None = None
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -140,7 +143,13 @@ class Scene:
         ):
             raise ArgumentError(f"transmittance must be a share in [0, 1] per face ({len(instances)}); it is not.")
         transmittance = None if transmittance is None or not transmittance.any() else readonly_copy(transmittance)
-        vars(self).update(instances=readonly_copy(instances), transmittance=transmittance)
+        scattering = self.scattering
+        if scattering is not None:
+            scattering = as_numbers(scattering, "scattering", (len(instances),))
+            if not ((scattering >= 0) & (scattering <= 1)).all():
+                raise ArgumentError("scattering must be a factor in [0, 1] per face; it is not.")
+            scattering = None if (scattering == 1.0).all() else readonly_copy(scattering)
+        vars(self).update(instances=readonly_copy(instances), transmittance=transmittance, scattering=scattering)
 
     def __repr__(self) -> str:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
@@ -157,7 +166,7 @@ class Scene:
         mesh = as_mesh(mesh)
         _check_label(label)
         instances, albedos = np.zeros(len(mesh.faces), np.int32), np.full(1, TYPICAL_ALBEDO)
-        return cls(mesh, instances, (label,), albedos, (), _transmittance([mesh]))
+        return cls(mesh, instances, (label,), albedos, (), _transmittance([mesh]), _scattering([mesh]))
 
     @classmethod
     def joined(
@@ -190,8 +199,8 @@ class Scene:
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
         drawn = np.full(len(placed), TYPICAL_ALBEDO) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
-        transmittance = _transmittance([placed[i].mesh for i in taken])
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), transmittance)
+        light = [of_faces([placed[i].mesh for i in taken]) for of_faces in (_transmittance, _scattering)]
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), *light)
 
     @cached_property
     def moving(self) -> dict[int, Placed]:
@@ -211,6 +220,10 @@ def _check_label(label: str) -> None:
 
 def _transmittance(meshes: Sequence[Mesh]) -> FloatArray:
     return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.transmittance for m in meshes])
+
+
+def _scattering(meshes: Sequence[Mesh]) -> FloatArray:
+    return np.concatenate([np.ones(len(m.faces)) if m.colors is None else m.colors.scattering for m in meshes])
 
 
 def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
