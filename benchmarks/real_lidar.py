@@ -91,7 +91,7 @@ def filled(given: Box) -> Placed:
         scale = sides / np.ptp(mesh.bounds, axis=0)
         mesh = zo.Mesh(mesh.vertices * scale + [0.0, 0.0, sides[2] / 2], mesh.faces)
     foot = given.centre - [0.0, 0.0, sides[2] / 2]
-    return Placed(mesh, given.category, moved(yaw=given.yaw + np.pi / 2, to=foot))  # built-in ones face -y
+    return Placed(mesh, given.category, moved(yaw=np.degrees(given.yaw) + 90.0, to=foot))  # built-in ones face -y
 
 
 def wanted(given: Box, mount: np.ndarray) -> bool:

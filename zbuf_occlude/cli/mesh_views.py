@@ -376,7 +376,7 @@ def views_command(
             seen += f", by the first {n_useful} as by all"
     columns = columns_of_views(about, loaded.longest_side, found)
     if out is not None and found is not None and suffix == ".png":
-        draw_coverage(out, found)
+        draw_coverage(out, found, max(int(np.count_nonzero(found.gain)), 1) if order else len(about))
     elif out is not None:
         names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
         atomic.write(out, lambda file: np.savetxt(file, table, "%.9g", ",", header=names, comments=""))
@@ -413,19 +413,20 @@ def warn_of_nothing(sensor: Sensor, views: Views, min_density: float) -> None:
     )
 
 
-def draw_coverage(path: Path, found: Coverage) -> None:
-    """Plot the fraction of the surface that each view sees, alone and with those before it; write a PNG."""
+def draw_coverage(path: Path, found: Coverage, n_shown: int) -> None:
+    """Plot the fraction of the surface that the first views see, alone and with those before them; write a PNG."""
     from zbuf_occlude.drawing.pictures import COLOUR, canvas
 
     figure, (axes,) = canvas(8.0, 4.2)
-    place = np.arange(len(found.order))
-    axes.bar(place, 100 * found.alone, color="#d5dde3", label="this view alone")
-    axes.bar(place, 100 * found.gain, color="#8fa3b3", label="none before it")
-    axes.plot(place, 100 * found.together, color=COLOUR, marker="o", markersize=4, label="with those before it")
+    place, rest = np.arange(n_shown), len(found.order) - n_shown
+    axes.bar(place, 100 * found.alone[:n_shown], color="#d5dde3", label="this view alone")
+    axes.bar(place, 100 * found.gain[:n_shown], color="#8fa3b3", label="none before it")
+    together = 100 * found.together[:n_shown]
+    axes.plot(place, together, color=COLOUR, marker="o", markersize=4, label="with those before it")
     axes.set_ylim(0, 103)
     some = place[:: 1 + len(place) // MOST_LABELS]
     axes.set_xticks(some, found.order[some])
-    axes.set_xlabel("view", fontsize=10)
+    axes.set_xlabel("view" + (f" ({rest} others add nothing)" if rest else ""), fontsize=10)
     axes.set_ylabel("surface seen, %", fontsize=10)
     axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=120))
