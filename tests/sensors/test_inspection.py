@@ -11,7 +11,7 @@ from tests.random_scenes import bodies
 from tests.scenes import SQUARE, box, sphere, stacked
 from zbuf_occlude.base.arrays import BoolArray
 from zbuf_occlude.sensors import NoiseModel, Sensor
-from zbuf_occlude.sensors.scenes import Placed, Scene
+from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 
 CENTRED = SQUARE - [0.5, 0.5, 0.0]
 PLATE = stacked(4.0 * CENTRED)
@@ -145,6 +145,31 @@ def test_a_clamp_hides_half_of_the_part(sensor: Sensor | None) -> None:
     assert found.alone[0] == pytest.approx(0.5, abs=4 * found.standard_error[0])
     faces = zo.visible_faces(held, eye, sensor=sensor)
     assert faces.fraction[0] == pytest.approx([0.75, 0.25], abs=0.01)
+
+
+def test_a_line_scanner_looks_from_beside_each_point() -> None:
+    """A plate half-way down hides what is right below it, where one eye in the middle would see twice as far."""
+    scanner = Sensor("line", "linear", {"columns": 101, "spacing": 0.01, "rows": 9, "slopes": (-0.5, 0.5)})
+    beyond = scene(stacked(2.0 * CENTRED + [1.25, 0.0, 0.5]))
+    found = zo.coverage(beyond, ABOVE, sensor=scanner)
+    assert found.alone[0] == pytest.approx((0.505 + 0.25) * 1.0 / 16.0, abs=4 * found.standard_error[0])
+    whole = zo.coverage(PLATE, ABOVE, sensor=scanner)
+    assert whole.alone[0] == pytest.approx(1.01 / 16.0, abs=4 * whole.standard_error[0])
+
+
+@pytest.mark.parametrize("baseline", [0.0, (0.0, -0.4, 0.1)])
+def test_faces_that_are_seen_are_those_that_a_scan_meets(baseline: Any) -> None:
+    limits = {"baseline": baseline, "incidence_max": 65.0, "range_max": 2.6, "axial": True}
+    sensor = camera({"width": 500, "height": 400, "fov": 40.0}, **limits)
+    held = Scene.joined([Placed(sphere(8), "ball"), Placed(box((0.2, 0.9, 0.3)), "clamp", moved(to=(1.5, 0.2, 0.3)))])
+    found = zo.scan(held, sensor, zo.sensors.look_at([AWAY, 0.1, 0.2], [0.0, 0.0, 0.0]))
+    n_faces = len(held.placed[0].mesh.faces)
+    met = np.bincount(found.face_ids[found.instances == 0], minlength=n_faces) > 0
+    seen = zo.visible_faces(held, [AWAY, 0.1, 0.2], sensor=sensor, points_per_face=400).fraction[0]
+    assert seen.shape == (n_faces,)
+    assert met[seen > 0.02].all()
+    assert not met[seen == 0.0].any()
+    assert 10 < met.sum() < n_faces / 2
 
 
 def test_faces_of_a_target_are_cut_and_found_wherever_they_are_in_the_scene() -> None:

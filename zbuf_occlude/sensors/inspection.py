@@ -176,14 +176,14 @@ def coverage(
     Parameters
     ----------
     scene : Scene or Mesh
-        Of a scene, the surface of the target, which all of the scene hides; its transparent faces hide nothing. Or any
-        other mesh (`as_mesh`), opaque.
+        Of a scene, the surface of the target, which all of the scene hides; its transparent faces hide nothing, and
+        objects that move are where they start. Or any other mesh (`as_mesh`), opaque.
     eyes : (3,) or (k, 3) float, or Views
         World space. Of Views with fields of view, only these are seen. A sensor has its own field of view. It takes the
         poses of Views, and looks from other eyes at the centre of the surface.
     sensor : Sensor, str or Path, optional
         As of `scan`; lengths are then metres. A point counts as seen within its field of view and its limits of range
-        and incidence, where its second camera, if it has one, sees it too.
+        and incidence, where its second camera, if it has one, sees it too. A list of rays has no field of view.
     min_density : float
         Smallest number of rays of the sensor per square metre of the surface, from one view, at which a point counts as
         seen. It falls with the square of the range, and with the incidence.
