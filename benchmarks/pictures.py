@@ -228,7 +228,7 @@ def frames(out: Path) -> None:
     chair, table, bottle = (shapes.make(name, 3).normalized() for name in ("chair", "table", "bottle"))
     placed = [
         Placed(chair, "chair"),
-        Placed(table, "table", moved(to=(-1.0, -0.15, -0.25), yaw=0.4)),
+        Placed(table, "table", moved(to=(-1.0, -0.15, -0.25), yaw=23.0)),
         Placed(bottle, "bottle", moved(to=(0.3, 0.5, -0.3), scale=0.4)),
     ]
     scene = Scene.joined(placed)

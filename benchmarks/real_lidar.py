@@ -103,7 +103,7 @@ def filled(given: Box, number: int) -> Placed:
     """Return one of the `MODELS` as large as a box, put there."""
     kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
     foot = given.centre - [0.0, 0.0, sides[2] / 2]
-    pose = moved(yaw=given.yaw + np.pi / 2, to=foot)  # built-in ones face -y
+    pose = moved(yaw=np.degrees(given.yaw) + 90.0, to=foot)  # built-in ones face -y
     member = "van" if "van" in given.category.lower() else kind
     if kind in ("pedestrian", "bicycle") and given.sides[2] >= RIDDEN_FROM:
         mesh = person("cyclist" if kind == "bicycle" else kind, tuple(sides), number)

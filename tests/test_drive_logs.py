@@ -27,7 +27,10 @@ FLOOR = -1.7
 def drive(request: pytest.FixtureRequest) -> tuple[str, Scan]:
     """A turn of a sensor among three boxes on a ground, in its own frame; of each box the instance."""
     ground = zo.Mesh([[-80, -80, FLOOR], [80, -80, FLOOR], [80, 80, FLOOR], [-80, 80, FLOOR]], [[0, 1, 2], [0, 2, 3]])
-    boxes = [Placed(box_mesh(*(SIDES - 2e-3)), "car", moved(yaw=yaw, to=(x, y, FLOOR + 1e-3))) for x, y, yaw in PLACES]
+    boxes = [
+        Placed(box_mesh(*(SIDES - 2e-3)), "car", moved(yaw=np.degrees(yaw), to=(x, y, FLOOR + 1e-3)))
+        for x, y, yaw in PLACES
+    ]
     scene = Scene.joined([*boxes, Placed(ground, "ground")])
     return request.param, zo.scan(scene, make(request.param, noise=0, columns=900))
 
@@ -101,7 +104,7 @@ def test_kittis_raw_data(tmp_path: Path, drive: tuple[str, Scan]) -> None:
 
 def test_nuscenes(tmp_path: Path, drive: tuple[str, Scan]) -> None:
     """The sensor turned by a quarter on its car, the car turned and moved in the world."""
-    quarter, world = moved(yaw=-np.pi / 2, to=(0.9, 0.0, 1.8)), moved(yaw=0.7, to=(400.0, 1100.0, 0.0))
+    quarter, world = moved(yaw=-90.0, to=(0.9, 0.0, 1.8)), moved(yaw=40.0, to=(400.0, 1100.0, 0.0))
 
     def spoken(yaw: float) -> list[float]:
         return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
@@ -109,7 +112,7 @@ def test_nuscenes(tmp_path: Path, drive: tuple[str, Scan]) -> None:
     rows = []
     for number, (x, y, yaw) in enumerate(PLACES):
         centre = (world @ quarter @ [x, y, FLOOR + SIDES[2] / 2, 1.0])[:3].tolist()
-        size, rotation = SIDES[[1, 0, 2]].tolist(), spoken(yaw - np.pi / 2 + 0.7)
+        size, rotation = SIDES[[1, 0, 2]].tolist(), spoken(yaw - np.pi / 2 + np.radians(40.0))
         row = {"token": f"a{number}", "sample_token": "s", "instance_token": "i", "translation": centre, "size": size}
         rows.append({**row, "rotation": rotation, "num_lidar_pts": int((drive[1].instances == number).sum())})
     frame = {"token": "d", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
@@ -120,7 +123,7 @@ def test_nuscenes(tmp_path: Path, drive: tuple[str, Scan]) -> None:
         "sample_data": [frame, {**frame, "token": "sweep", "is_key_frame": False}],
         "sensor": [{"token": "t", "channel": "LIDAR_TOP"}],
         "calibrated_sensor": [mounted],
-        "ego_pose": [{"token": "e", "translation": [400.0, 1100.0, 0.0], "rotation": spoken(0.7)}],
+        "ego_pose": [{"token": "e", "translation": [400.0, 1100.0, 0.0], "rotation": spoken(np.radians(40.0))}],
         "instance": [{"token": "i", "category_token": "k"}],
         "category": [{"token": "k", "name": "vehicle.car"}],
     }

@@ -33,6 +33,7 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
     from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.sensors import Frame, frames, scan, scenes, write_bop, write_frames
+    from zbuf_occlude.sensors.inspection import coverage, visible_faces
     from zbuf_occlude.sensors.scenes import Scene
     from zbuf_occlude.sensors.scenes.occlusion_graph import occlusion_graph
     from zbuf_occlude.studies.compare.scan_comparison import compare_scans
@@ -40,7 +41,7 @@ if typing.TYPE_CHECKING:  # at run time `__getattr__` loads each name when it is
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
     from zbuf_occlude.visibility.visible_space import blockers, visibility_grid
-    from zbuf_occlude.visibility.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
+    from zbuf_occlude.visibility.visible_surface import visible_mesh, visible_vertices
 
 __version__ = "0.1.0"
 
@@ -102,13 +103,14 @@ _HOMES = {
     "meshes.load": ("load_mesh",),
     "partial": ("PartialCloud", "depth_image", "occlude"),
     "meshes.sampling": ("SurfacePoints", "sample_surface"),
+    "sensors.inspection": ("coverage", "visible_faces"),
     "sensors.scenes": ("Scene",),
     "sensors.scenes.occlusion_graph": ("occlusion_graph",),
     "sensors": ("Frame", "frames", "scan", "scenes", "write_bop", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
     "visibility.visible_space": ("blockers", "visibility_grid"),
-    "visibility.visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
+    "visibility.visible_surface": ("visible_mesh", "visible_vertices"),
 }
 """Public names by module."""
 _MODULES = {"sensors": "sensors", "torch": "datasets.torch", "views": "views"}

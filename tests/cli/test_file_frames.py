@@ -54,7 +54,7 @@ def test_a_range_in_metres_of_a_file_in_millimetres(run: Run, stl: Path, tmp_pat
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("--range 0.8", "'gizmo' has none. Give --size gizmo=METRES, or the files' --unit"),
+        ("--range 0.8", "'gizmo' has none. Give --size gizmo=METRES, or --size METRES for all, or the files' --unit"),
         ("--range 0.8 --size file", "half the object's 450 m; it is 0.8 m. Raise --range, or give the --unit"),
         ("--range 0.8 --size 2 --unit mm", "--unit must go without --size 2"),
         ("--range 0.2 --unit mm", "half the object's 0.45 m; it is 0.2 m"),

@@ -1,6 +1,7 @@
 """Datasets of scans: records in closed form, the same bytes however made, verify, bad input."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,8 @@ def test_resume_verify_show_and_convert(run: Run, street: Path, tmp_path: Path) 
 def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp_path: Path) -> None:
     run(f"show {street}")
     with open_page(street / "gallery.html", tmp_path) as page:
+        said = page.ask("return document.getElementById('fact').textContent")
+        assert re.search(r"it measures [\d,]+ points; others hide \d+\.\d% of the object; \d+ are shown\.$", said)
         names = page.ask("return [...document.getElementById('colour').options].map((o) => o.value)")
         assert names == ["", "range", "incidence", "ring", "instance"]
         seen = page.ask(

@@ -1,6 +1,7 @@
 """`verify`: what a sound dataset says, and each way in which one can be unsound."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -29,6 +30,15 @@ def test_a_sound_dataset(run: Run, dataset: Path, modelnet: Path) -> None:
     assert "640 points asked of the oracle: 0.000% are hidden" in said
     assert "the dataset is what its manifest says" in said
     assert "not held against the meshes" in run(f"verify {dataset}").out
+
+
+def test_files_of_an_export_are_counted_to_the_last(run: Run, modelnet: Path) -> None:
+    """They have no clouds of ours, of which a bar would stay at 0 %."""
+    run(f"generate {modelnet} --out out --method oracle --views ring:8@30 --limit 2 --format pcn --workers 1")
+    verified = run("verify out --workers 1")
+    assert re.search(r"^\d+ files, checksums read$", verified.out, re.MULTILINE)
+    assert re.search(r"100%.*\| (\d+)/\1 ", verified.err)
+    assert "| 0/" not in verified.err
 
 
 @pytest.mark.parametrize("options", ["--frame camera", "--scale mesh", "--format packed"])

@@ -106,7 +106,7 @@ def test_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
     run(f"{line} oracle", code=1, says="error: ")
 
 
-@pytest.mark.parametrize("suffix", ["obj", "off"])
+@pytest.mark.parametrize("suffix", ["obj", "off", "stl"])
 def test_the_visible_part_as_a_mesh(run: Run, tmp_path: Path, suffix: str) -> None:
     write_off(tmp_path / "box.off", box().vertices, box().faces)
     line = f"visible box.off --azimuth 30 --elevation 20 --out part.{suffix}"
@@ -148,10 +148,34 @@ def test_coverage_of_a_ball(run: Run, ball: Path, tmp_path: Path) -> None:
     rows = np.array([line.split() for line in outcome.out.splitlines()[1:4]], dtype=float)
     assert rows[:, 1].tolist() == [0, 180, 0]
     assert rows[:, 4] == pytest.approx([ALONE] * 3, abs=0.015)
-    assert rows[:, 5] == pytest.approx([ALONE, 2 * ALONE, 2 * ALONE], abs=0.015)
-    assert f"{rows[-1, 5]:.1%}" in outcome.out.splitlines()[-1]
+    assert rows[:, 5] == pytest.approx([ALONE, ALONE, 0], abs=0.015)
+    assert rows[:, 6] == pytest.approx([ALONE, 2 * ALONE, 2 * ALONE], abs=0.015)
+    assert f"{rows[-1, 6]:.1%}" in outcome.out.splitlines()[-1]
     run(f"views {ball} --views paper100 --coverage --out coverage.png")
     assert (tmp_path / "coverage.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sensor_covers_a_ball_in_the_best_order(run: Run, ball: Path, tmp_path: Path) -> None:
+    """Of a ball in millimetres 2 m away, a camera that measures up to 40 degrees of incidence sees a known cap."""
+    (tmp_path / "rig.csv").write_text("azimuth,elevation\n0,0\n5,0\n180,0\n")
+    line = f"views {ball} --views rig.csv --distance 1000 --unit mm --coverage --order --set-sensor incidence_max=40"
+    line += " --sensor pinhole"
+    outcome = run(f"{line} --out order.csv")
+    table = np.genfromtxt(tmp_path / "order.csv", delimiter=",", names=True)
+    assert table["view"].tolist() == [0, 2, 1]
+    assert table["azimuth"].tolist() == [0, 180, 5]
+    cap = (1 - np.cos(np.radians(40))) / 2
+    assert table["alone"] == pytest.approx([cap] * 3, abs=0.015)
+    assert table["gain"][:2] == pytest.approx([cap] * 2, abs=0.015)
+    assert np.cumsum(table["gain"]) == pytest.approx(table["together"], abs=1e-6)
+    assert "by the first 3 as by all" in outcome.out
+    assert [row.split()[0] for row in run(line).out.splitlines()[1:4]] == ["0", "2", "1"]
+    assert run(f"{line} --out order.png").out.endswith(": order.png\n")
+    assert (tmp_path / "order.png").read_bytes().startswith(b"\x89PNG")
+    run(f"views {ball} --views order.csv --coverage --out again.csv")
+    assert np.genfromtxt(tmp_path / "again.csv", delimiter=",", names=True)["azimuth"].tolist() == [0, 180, 5]
+    run(f"{line} --min-density 1e9", says="nothing of the surface")
+    run(f"{line.replace('pinhole', 'realsense-d435')} --set-sensor range_max=1.5", says="0.168 to 1.5 m")
 
 
 def test_a_list_of_views_is_read_again(run: Run, ball: Path, tmp_path: Path) -> None:

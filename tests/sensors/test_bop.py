@@ -26,8 +26,8 @@ from zbuf_occlude.sensors.setup import ScanConfig
 WIDTH, HEIGHT = 96, 64
 SCENE = Scene.joined(
     [
-        Placed(box(), "crate", moved(yaw=0.4, to=(0.0, 0.0, 0.5))),
-        Placed(box(), "crate", moved(yaw=1.1, to=(1.3, 0.2, 0.5))),
+        Placed(box(), "crate", moved(yaw=np.degrees(0.4), to=(0.0, 0.0, 0.5))),
+        Placed(box(), "crate", moved(yaw=np.degrees(1.1), to=(1.3, 0.2, 0.5))),
         Placed(plate_mesh(3.0), "ground"),
         Placed(box(), "bin", moved(scale=(1.0, 1.0, 0.5), to=(-0.2, 2.2, 0.25))),
     ]

@@ -58,7 +58,7 @@ def test_each_firing_is_a_scan_at_rest_of_the_scene_by_then() -> None:
             angle, rate, (vx, vy, vz) = np.radians(turn) * time, np.radians(turn), velocity
             along, across = (np.sin(angle) / rate, (1 - np.cos(angle)) / rate) if turn else (time, 0.0)
             way = np.array([vx * along - vy * across, vx * across + vy * along, vz * time])
-            there.append(Placed(mesh, "object", moved(yaw=angle, to=np.array(to) + way)))
+            there.append(Placed(mesh, "object", moved(yaw=np.degrees(angle), to=np.array(to) + way)))
         rotation, place = motion.poses(np.array([time]))
         mine = rays.columns == firing
         now, scene = found.select(found.columns == firing), Scene.joined(there)

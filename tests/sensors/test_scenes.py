@@ -51,8 +51,14 @@ def ring(n: int, distance: float = 4.0) -> Views:
     return zo.views.ring(n, elevation=0, distance=distance)
 
 
+def test_a_yaw_is_in_degrees() -> None:
+    assert moved(yaw=90.0, scale=2.0, to=(5, 0, 1))[:3] == pytest.approx(
+        np.array([[0, -2, 0, 5], [2, 0, 0, 0], [0, 0, 2, 1]]), abs=1e-12
+    )
+
+
 def test_joined_keeps_whose_face_is_whose() -> None:
-    scene = Scene.joined([Placed(box(), "a"), Placed(CAR, "b", moved(scale=0.1, yaw=1.0, to=(5, 0, 0)), 0.5)])
+    scene = Scene.joined([Placed(box(), "a"), Placed(CAR, "b", moved(scale=0.1, yaw=60.0, to=(5, 0, 0)), 0.5)])
     assert (scene.instances[:12] == 0).all()
     assert (scene.instances[12:] == 1).all()
     assert len(scene.mesh.faces) == 12 + len(CAR.faces)

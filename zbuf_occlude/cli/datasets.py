@@ -163,7 +163,7 @@ def check(
     share: tuple[int, int],
 ) -> bool:
     """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
-    plan, manifest = read_finished(folder)
+    plan, _ = read_finished(folder)
     collection = None
     if meshes:
         has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
@@ -173,9 +173,14 @@ def check(
     else:
         collection = collection_of(entry.key for entry in plan.meshes)
     echo(folder)
-    with progress_bar(sum(manifest["counts"]["clouds_by_split"].values()), "clouds", "verify") as bar:
-        verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)
-    echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
+    with progress_bar(0, "files", "verify") as bar:
+
+        def show(done: int, of: int) -> None:
+            bar.total = of
+            bar.update(done - bar.n)
+
+        verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=show)
+    echo(f"{verdict.n_files} files, " + (f"{verdict.n_clouds} clouds read" if verdict.n_clouds else "checksums read"))
     if verdict.false_visible is not None:
         echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
     elif plan.recipe.complete and verdict.n_checked:

@@ -16,6 +16,7 @@ from zbuf_occlude.base.errors import check_choice
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.point_files import columns_of, write_csv, write_ply
 from zbuf_occlude.cli.file_frames import print_frame
+from zbuf_occlude.cli.scan_options import parse_sensor, sensor_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -24,6 +25,7 @@ from zbuf_occlude.cli.shared_options import (
     chosen_method,
     distance_option,
     explicitly_set,
+    finite,
     frame_options,
     method_options,
     parse_settings,
@@ -35,14 +37,17 @@ from zbuf_occlude.datasets.plan import ATTRIBUTES
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.meshes.load import load_cloud
+from zbuf_occlude.sensors import Sensor
+from zbuf_occlude.sensors.inspection import Coverage
+from zbuf_occlude.sensors.inspection import coverage as measure_coverage
 from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
 from zbuf_occlude.visibility.interface import contact_advice
-from zbuf_occlude.visibility.visible_surface import Coverage
-from zbuf_occlude.visibility.visible_surface import coverage as measure_coverage
 
 PIXELS = click.IntRange(1, 8192)
-MESHES = (".obj", ".off")
+MOST_LABELS = 25
+"""Maximum number of views that have their numbers in a plot."""
+MESHES = (".obj", ".off", ".stl")
 """Suffixes of `--out` for meshes."""
 
 
@@ -67,7 +72,7 @@ def refuse_sensor(context: click.Context, parameter: click.Parameter, value: Any
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="Output file: cloud.ply, .npy, .csv, or partial.obj, .off",
+    help="Output file: cloud.ply, .npy, .csv, or partial.obj, .off, .stl",
 )
 @click.pass_context
 def visible_command(
@@ -89,7 +94,7 @@ def visible_command(
 
     PLY holds positions and normals (towards the camera); .npy and .csv hold positions. With --method
     hidden_point_removal, MESH may be a point cloud (PLY without faces, .npy or .csv), whose points are then tested.
-    OBJ and OFF hold the visible part of the mesh, cut exactly along the shadow boundaries.
+    OBJ, OFF and STL hold the visible part of the mesh, cut exactly along the shadow boundaries.
     `zbuf-occlude scan` writes the points of a LiDAR or depth camera.
 
     \b
@@ -162,8 +167,10 @@ def write_part(
         warn_of_far_faces(mesh)
         warn_of_lenses(views)
         part = visible_mesh(mesh, views.eyes)
-    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # all digits of a float64
-    atomic.write(out, lambda file: file.write(text.encode()))
+    kind = out.suffix[1:].lower()
+    digits = {} if kind == "stl" else {"digits": 17}  # all of a float64; STL has float32
+    data = part.mesh.to_trimesh().export(file_type=kind, **digits)
+    atomic.write(out, lambda file: file.write(data.encode() if isinstance(data, str) else data))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")
     print_frame(path, mesh, *frame)
@@ -177,7 +184,7 @@ def warn_of_missing_colors(path: Path, mesh: Mesh) -> None:
 
 
 def warn_of_lenses(views: Views) -> None:
-    """Warn that meshes and coverage ignore directions and fields of view of cameras."""
+    """Warn that meshes ignore directions and fields of view of cameras."""
     if views.fov_bounds is not None:
         echo("warning: only positions of cameras count here, not their directions or fields of view.", err=True)
 
@@ -297,17 +304,33 @@ def write_exr(path: Path, depths: FloatArray) -> None:
 @click.option("--views", default="paper100", help=VIEWS)
 @distance_option
 @click.option("--coverage", is_flag=True, help="Measure the fraction of the surface that the views see.")
+@click.option("--order", is_flag=True, help="Best order of the views: next, the one that adds most.")
+@sensor_options(None)
+@click.option(
+    "--min-density",
+    type=click.FloatRange(0),
+    default=0.0,
+    callback=finite,
+    help="Smallest number of the sensor's rays per square metre at which a point counts as seen.",
+)
 @click.option("--points", type=click.IntRange(1), default=20_000, help="Number of points sampled.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @frame_options
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Output file: views.csv, or coverage.png, a plot of the coverage."
 )
+@click.pass_context
 def views_command(
+    context: click.Context,
+    /,
     mesh: Path,
     views: str,
     distance: tuple[float, float | None],
     coverage: bool,
+    order: bool,
+    sensor: str | None,
+    set_sensor: Settings,
+    min_density: float,
     points: int,
     seed: int,
     up: str | None,
@@ -316,56 +339,94 @@ def views_command(
 ) -> None:
     """List the views of MESH, and with --coverage the fraction of the surface that each sees.
 
-    "together" is the fraction that this view and those above it see: the coverage of a rig. Visibility is exact; the
-    sampling error is at most 0.4 % of the surface for 20,000 points.
+    "gain" is the fraction that a view sees and none above it, "together" what it and those above it see: the coverage
+    of a rig. With --order the best views come first: the first rows of the CSV are a rig. Visibility is exact; the
+    sampling error is at most 0.4 % of the surface for 20,000 points. A --sensor, which needs metres, sees what is
+    within its field of view, range and incidence.
 
     \b
     Examples:
       zbuf-occlude views chair.off --views ring:8@30 --coverage
-      zbuf-occlude views chair.off --views paper100 --coverage --out coverage.png
+      zbuf-occlude views chair.off --views paper100 --coverage --order --out coverage.png
+      zbuf-occlude views part.stl --unit mm --coverage --sensor realsense-d435 --order --out order.csv
     """
     suffix = None if out is None else suffix_of(out, (".csv", ".png"))
     if suffix == ".png" and not coverage:
         raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
+    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "min_density"))):
+        raise click.UsageError(f"{idle[0]} must go with --coverage.")
+    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "min_density"))):
+        raise click.UsageError(f"{idle[0]} must go with --sensor.")
+    model = None if sensor is None else parse_sensor(sensor, set_sensor)
     with Limits().watch():
         loaded = load_mesh(mesh, up=up, unit=unit)
     about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
     if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
         raise click.UsageError("--out .csv cannot hold cameras that are rolled or look past the mesh. Use --views.")
-    columns = {"azimuth": np.degrees(about.azimuth), "elevation": np.degrees(about.elevation)}
-    columns["distance"] = about.distance / loaded.longest_side
     warn_inside(loaded, about.eyes)
+    found, seen = None, ""
     if coverage:
-        warn_of_lenses(about)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # eyes inside the box are warned of above
-            found = measure_coverage(loaded, about.eyes, n_points=points, seed=seed)
-        columns |= {"alone": found.alone, "together": found.together}
-    table = np.stack(list(columns.values()), axis=1)
-    if out is not None and suffix == ".csv":
-        names = ",".join(columns)
-        atomic.write(out, lambda file: np.savetxt(file, table, "%.9g", ",", header=names, comments=""))
+            found = measure_coverage(
+                loaded, about, sensor=model, min_density=min_density, greedy=order, n_points=points, seed=seed
+            )
+        seen = f", {found.together[-1]:.1%} of the surface seen by any"
+        if order and (n_useful := np.count_nonzero(found.gain)):
+            seen += f", by the first {n_useful} as by all"
+    columns = columns_of_views(about, loaded.longest_side, found)
+    if out is not None and found is not None and suffix == ".png":
+        draw_coverage(out, found, max(int(np.count_nonzero(found.gain)), 1) if order else len(about))
     elif out is not None:
-        draw_coverage(out, found)
+        names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
+        atomic.write(out, lambda file: np.savetxt(file, table, "%.9g", ",", header=names, comments=""))
     else:
+        numbers = columns.pop("view", np.arange(len(about)))
         echo(f"{'view':>4} " + " ".join(f"{name:>9}" for name in columns))
-        for number, row in enumerate(table):
+        for number, *row in zip(numbers, *columns.values(), strict=True):
             echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
-    seen = f", {found.together[-1]:.1%} of the surface seen by any" if coverage else ""
     print_frame(mesh, loaded, up, unit)  # the sum over the views stays the last line
     echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
+    if model is not None and found is not None and not found.together[-1]:
+        warn_of_nothing(model, about, min_density)
 
 
-def draw_coverage(path: Path, found: Coverage) -> None:
-    """Plot the fraction of the surface that each view sees, alone and with those before it; write a PNG."""
+def columns_of_views(views: Views, longest_side: float, found: Coverage | None) -> dict[str, NDArray[Any]]:
+    """Return the columns of a list of views, with their coverage in its order."""
+    columns = {"azimuth": np.degrees(views.azimuth), "elevation": np.degrees(views.elevation)}
+    columns["distance"] = views.distance / longest_side
+    if found is None:
+        return columns
+    ordered: dict[str, NDArray[Any]] = {name: values[found.order] for name, values in columns.items()}
+    return {"view": found.order, **ordered, "alone": found.alone, "gain": found.gain, "together": found.together}
+
+
+def warn_of_nothing(sensor: Sensor, views: Views, min_density: float) -> None:
+    """Warn that a sensor measures nothing from any view."""
+    model, away = sensor.noise_model, views.distance.max()
+    dense = ", or lower --min-density" if min_density else ""
+    echo(
+        f"warning: {sensor.name} measures nothing of the surface. It measures at {model.range_min:g} to "
+        f"{model.range_max:g} m; the farthest view is {away:.3g} m from the centre. Change --distance, or give the "
+        f"--unit of the file{dense}.",
+        err=True,
+    )
+
+
+def draw_coverage(path: Path, found: Coverage, n_shown: int) -> None:
+    """Plot the fraction of the surface that the first views see, alone and with those before them; write a PNG."""
     from zbuf_occlude.drawing.pictures import COLOUR, canvas
 
     figure, (axes,) = canvas(8.0, 4.2)
-    number = np.arange(len(found.alone))
-    axes.bar(number, 100 * found.alone, color="#b8c4ce", label="this view alone")
-    axes.plot(number, 100 * found.together, color=COLOUR, marker="o", markersize=4, label="with those before it")
+    place, rest = np.arange(n_shown), len(found.order) - n_shown
+    axes.bar(place, 100 * found.alone[:n_shown], color="#d5dde3", label="this view alone")
+    axes.bar(place, 100 * found.gain[:n_shown], color="#8fa3b3", label="none before it")
+    together = 100 * found.together[:n_shown]
+    axes.plot(place, together, color=COLOUR, marker="o", markersize=4, label="with those before it")
     axes.set_ylim(0, 103)
-    axes.set_xlabel("view", fontsize=10)
+    some = place[:: 1 + len(place) // MOST_LABELS]
+    axes.set_xticks(some, found.order[some])
+    axes.set_xlabel("view" + (f" ({rest} others add nothing)" if rest else ""), fontsize=10)
     axes.set_ylabel("surface seen, %", fontsize=10)
-    axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+    axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=120))

@@ -48,8 +48,8 @@ def vector(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def sensor_options(sensor: str) -> Decorator:
-    """Return the options --sensor and --set-sensor; `sensor` is the default."""
+def sensor_options(sensor: str | None) -> Decorator:
+    """Return the options --sensor and --set-sensor; `sensor` is the default, None for no sensor."""
     return all_of(
         click.option(
             "--sensor",

@@ -250,10 +250,16 @@ def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> d
         "variation": int(record["variation"]),
         "azimuth": round(float(azimuth) % 360, 2),
         "elevation": round(float(elevation), 2),
-        "n_visible": int(record["n_visible"]),
-        "visible_fraction": float(record["visible_fraction"]),
+        "seen": _seen(int(record["n_visible"]), float(record["visible_fraction"]), source),
         "colourings": _colourings(record),
     }
+
+
+def _seen(n_visible: int, visible_fraction: float, source: CloudReader) -> str:
+    """Return a text on what a camera sees, or what a sensor measures, of its object."""
+    if source.plan.recipe.setup is None:
+        return f"it sees {n_visible:,} points, {visible_fraction:.1%} of the object's"
+    return f"it measures {n_visible:,} points; others hide {1.0 - visible_fraction:.1%} of the object"
 
 
 def _colourings(record: Any) -> dict[str, Any]:

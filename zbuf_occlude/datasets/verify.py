@@ -115,7 +115,7 @@ def verify(
     n_samples: int = 50,
     run: Run | None = None,
     share: tuple[int, int] = (0, 1),
-    progress: Callable[[int], None] = lambda n: None,
+    progress: Callable[[int, int], None] = lambda n, of: None,
 ) -> Verdict:
     """Check a finished dataset against its manifest and, where its meshes are at hand, some clouds against these.
 
@@ -132,7 +132,7 @@ def verify(
     share : (int, int)
         (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
     progress : callable
-        Called with the number of clouds read, as they are read.
+        Called after each file with the number of files read, and of all.
 
     Raises
     ------
@@ -146,12 +146,13 @@ def verify(
 
     def done(job: str, result: FileVerdict) -> tuple[str, ...]:
         found[job] = result
-        progress(sum(result.n_clouds.values()))
+        progress(len(found), len(jobs))
         return ()
 
     data = {name for of_split in manifest["files"].values() for name in of_split}
     mine = sorted(data)[share[0] :: share[1]]
-    if jobs := [*mine, *sorted(task.sha256.keys() - data)[share[0] :: share[1]]]:
+    jobs = [*mine, *sorted(task.sha256.keys() - data)[share[0] :: share[1]]]
+    if jobs:
         (run or run_here)(task, jobs, done)
     faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
     n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())

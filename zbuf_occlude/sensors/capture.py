@@ -20,7 +20,7 @@ from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.contents import placed_of
 from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
-from zbuf_occlude.sensors.scenes.scene import Placed, Scene, moved
+from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.sensors.setup import ScanConfig
@@ -306,5 +306,5 @@ def _kept(found: Scan, mesh: Mesh, config: ScanConfig, rng: np.random.Generator)
     middle = rng.uniform(-1.0, 1.0, 3) * config.box["shift"] * sides
     angle = rng.uniform(-np.pi, np.pi) if config.box["rotate"] else 0.0
     factors = ENLARGED * (rng.uniform(*SCALED, 3) if config.box["scale"] else np.ones(3))
-    local = (found.positions - middle) @ moved(yaw=angle)[:3, :3]
+    local = (found.positions - middle) @ upright_pose(angle)[:3, :3]
     return np.asarray((np.abs(local) <= factors * sides / 2).all(axis=1))

@@ -31,14 +31,14 @@ def select_triangulated(
     sensor's frame to the world.
     """
     model = sensor.noise_model
-    visible = _visible_to_second_camera(occluder, mesh, points, found.face_ids, starts, rotation, sensor)
+    visible = visible_to_second_camera(occluder, mesh, points, found.face_ids, starts, rotation, sensor)
     if model.match_window > 1 and model.noise and sensor.kind == "pinhole":
         depths = found.ranges * rays.directions[found.rays, 0]
         visible &= _matched(rays.rings[found.rays], rays.columns[found.rays], depths, visible, sensor)
     return found.select(visible)
 
 
-def _visible_to_second_camera(
+def visible_to_second_camera(
     occluder: VisibilityQuery,
     mesh: Mesh,
     points: FloatArray,

@@ -290,8 +290,45 @@ class Sensor:
             least, most = np.full((2, len(points)), [[np.inf], [-np.inf]])
             for above in self.angles_above_lasers(points):
                 least, most = np.minimum(least, above), np.maximum(most, above)
-            return np.asarray((least <= 0.0) & (most >= 0.0))
+            return np.asarray((least <= 0.0) & (most >= 0.0) & self._turns_to(points))
+        if self.kind == "risley":  # a rosette about the x axis
+            away = np.linalg.norm(points, axis=1)
+            return np.asarray(points[:, 0] >= away * self.rays().directions[:, 0].min())
         return np.ones(len(points), dtype=bool)
+
+    def _turns_to(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Return whether points (n, 3), sensor frame, lie within the azimuths of a spinning sensor's revolution."""
+        low, high = sorted(self.pattern.get("azimuths", (-180.0, 180.0)))
+        turned = (np.degrees(np.arctan2(points[:, 1], points[:, 0])) - low) % 360.0
+        return np.asarray(turned <= high - low)
+
+    def ray_density(self, points: FloatArray) -> FloatArray:
+        """Return the rays per square metre across the beam at points (n, 3), sensor frame, (n,).
+
+        That of a surface is less by the cosine of its incidence. Between lasers that are unevenly spaced it is that of
+        the two beside the point.
+
+        Raises
+        ------
+        OptionError
+            A kind whose rays have no spacing, or a single line of rays.
+        """
+        given, kind = self.pattern, self.kind
+        level, depths = np.hypot(points[:, 0], points[:, 1]), np.maximum(points[:, 0], np.finfo(np.float64).tiny)
+        ranges = np.linalg.norm(points, axis=1)
+        if kind == "pinhole":
+            return np.asarray(self.intrinsics[0, 0] * self.intrinsics[1, 1] * ranges / depths**3)
+        if kind == "linear" and given["rows"] > 1 and np.ptp(given["slopes"]):
+            slope = np.ptp(given["slopes"]) / (given["rows"] - 1)
+            return np.asarray(np.hypot(depths, points[:, 2]) / (given["spacing"] * slope * depths**2))
+        elevations = np.unique(np.radians([each for each, _ in given.get("lasers", ())]))
+        if kind == "spinning" and len(elevations) > 1:
+            first, last = np.radians(given.get("azimuths", (-180.0, 180.0)))
+            turn = abs(last - first) / given["columns"]
+            above = np.searchsorted(elevations, np.arctan2(points[:, 2], level))
+            gap = np.diff(elevations)[np.clip(above - 1, 0, len(elevations) - 2)]
+            return np.asarray(1.0 / (turn * np.maximum(level, np.finfo(np.float64).tiny) * gap * ranges))
+        raise OptionError(f"a density must be asked of a sensor with evenly spaced rays; {self.name} has none. Give 0.")
 
     def with_numbers(self, /, **numbers: Any) -> "Sensor":
         """Return a copy of the sensor with some numbers changed, of its rays or its noise.

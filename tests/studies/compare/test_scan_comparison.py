@@ -243,7 +243,7 @@ def test_figures_without_data_are_absent(thing: zo.Mesh, tmp_path: Path) -> None
 def test_folders_of_bop_are_read_as_they_are(thing: zo.Mesh, tmp_path: Path) -> None:
     """BOP: millimetres, K from the first pixel's centre, other depth units; each object with its model."""
     small = box((0.3, 0.2, 0.1))
-    scene = zo.Scene.joined([Placed(thing, "thing"), Placed(small, "crate", moved(yaw=0.4, to=(0.0, 1.2, 0.1)))])
+    scene = zo.Scene.joined([Placed(thing, "thing"), Placed(small, "crate", moved(yaw=20.0, to=(0.0, 1.2, 0.1)))])
     views = zo.views.for_mesh(scene.mesh, "ring:2@30")
     zo.write_bop(tmp_path, scene, views, width=200, height=150, fov=45)
     train = tmp_path / "train" / "000000"

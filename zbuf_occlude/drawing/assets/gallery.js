@@ -31,8 +31,7 @@
     shown = cloud;
     large.show(painted(cloud), aside(cloud));
     fact.textContent = name + ", " + cloud.mesh + ", variation " + cloud.variation + ": camera at azimuth " +
-      cloud.azimuth + "°, elevation " + cloud.elevation + "°; it sees " + cloud.n_visible.toLocaleString("en") +
-      " points, " + (100 * cloud.visible_fraction).toFixed(1) + " % of the object's; " + cloud.n_own + " are shown.";
+      cloud.azimuth + "°, elevation " + cloud.elevation + "°; " + cloud.seen + "; " + cloud.n_own + " are shown.";
   };
 
   for (const row of data.classes) {

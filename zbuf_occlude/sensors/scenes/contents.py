@@ -157,7 +157,7 @@ def placed_of(
             mesh = road_user(label)
         size = given.get("size", mesh.longest_side)
         x, y, z = given["position"]
-        pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
+        pose = moved(yaw=given.get("yaw", 0.0), to=(x, y, z + floor))
         motion = {name: given[name] for name in ("velocity", "turn") if name in given}
         placed.append(Placed(on_ground(mesh, size), label, pose, given.get("albedo"), **motion))
     return placed

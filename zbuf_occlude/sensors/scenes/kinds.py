@@ -11,7 +11,7 @@ import numpy as np
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.sampling import SurfacePoints
-from zbuf_occlude.sensors.scenes.scene import Placed, moved
+from zbuf_occlude.sensors.scenes.scene import Placed, moved, upright_pose
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -102,9 +102,8 @@ def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
         mesh, label = (pole_mesh(0.1, 5.0), "pole") if is_pole else request.pool(rng.random())
         found = _at_free_position(mesh, label, draw_position, occupied, 0.3, request, rng)
         placed += [replace(each, is_background=is_pole) for each in found]
-    wall = moved(
-        yaw=float(np.arctan2(across[1], across[0])), to=[*(rng.uniform(24.0, 30.0) * along[:2]), request.floor]
-    )
+    away = rng.uniform(24.0, 30.0) * along[:2]
+    wall = upright_pose(float(np.arctan2(across[1], across[0])), [*away, request.floor])
     placed.append(Placed(box_mesh(80.0, 0.3, 4.0), "wall", wall, is_background=True))
     return SceneLayout(placed, wanted)
 
@@ -117,7 +116,7 @@ def room(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     behind, aside = size + rng.uniform(0.4, 2.0), size + rng.uniform(1.2, 3.0)
     middle = (behind - distance - 1.0) / 2.0 * along[:2]
     height = max(2.6, float(request.eye[2]) - request.floor + 0.5, float(np.ptp(request.target.vertices[:, 2])) + 0.3)
-    pose = moved(yaw=float(np.arctan2(along[1], along[0])), to=[*middle, request.floor])
+    pose = upright_pose(float(np.arctan2(along[1], along[0])), [*middle, request.floor])
     walls = box_mesh(distance + 1.0 + behind, 2.0 * aside, height)
     placed = [request.target, Placed(walls, "room", pose, is_background=True), *before]
     occupied = [(np.zeros(2), size)]
@@ -186,7 +185,7 @@ def _hidden_by(request: SceneRequest, rng: np.random.Generator, last: Mesh, labe
         if number == TRIES:  # a box across the line of sight, half way: it always fits
             share = 1.0 - max(0.5 * (distance - size), 0.2 * distance) / distance
             yaw = float(np.arctan2(request.eye[1], request.eye[0])) + np.pi / 2
-            candidate = Placed(mesh, name, moved(yaw=yaw, to=[*(share * request.eye[:2]), request.floor]))
+            candidate = Placed(mesh, name, upright_pose(yaw, [*(share * request.eye[:2]), request.floor]))
         elif nearest < farthest:
             share = 1.0 - rng.uniform(nearest, farthest) / distance
             candidate = _standing(mesh, name, share * request.eye[:2], request.floor, rng)
@@ -203,7 +202,7 @@ def _hidden_by(request: SceneRequest, rng: np.random.Generator, last: Mesh, labe
 def _standing(
     mesh: Mesh, label: str, position: FloatArray | Sequence[float], floor: float, rng: np.random.Generator
 ) -> Placed:
-    return Placed(mesh, label, moved(yaw=float(rng.uniform(0, 2 * np.pi)), to=[*position, floor]))
+    return Placed(mesh, label, upright_pose(float(rng.uniform(0, 2 * np.pi)), [*position, floor]))
 
 
 def _at_free_position(

@@ -227,14 +227,19 @@ def _scattering(meshes: Sequence[Mesh]) -> FloatArray:
 
 
 def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
-    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves.
+    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` degrees, and moves.
 
     Examples
     --------
     >>> zo.scenes.moved(scale=2.0, to=(5, 0, 0))[0].tolist()
     [2.0, -0.0, 0.0, 5.0]
     """
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    return upright_pose(np.radians(yaw), to, scale)
+
+
+def upright_pose(angle: float, to: ArrayLike = (0.0, 0.0, 0.0), scale: ArrayLike = 1.0) -> FloatArray:
+    """Return the pose (4, 4) of `moved`, by an angle in radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
     pose = np.eye(4)
     pose[:3, :3] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) * np.asarray(scale, dtype=np.float64)
     pose[:3, 3] = to

@@ -111,8 +111,8 @@ def _look_up(label: str, *candidates: tuple[Mapping[str, float], str]) -> float:
         if name in table:
             return table[name]
     raise OptionError(
-        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or the "
-        "files' --unit, or --size file where they are in metres."
+        f"every class must have a size in metres; {label!r} has none. Give --size {label}=METRES, or --size METRES for "
+        "all, or the files' --unit, or --size file where they are in metres."
     )
 
 
