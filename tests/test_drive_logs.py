@@ -53,7 +53,7 @@ def held_to(log: "drive_logs.Log", drive: tuple[str, Scan]) -> None:
 def test_what_nobody_labelled_hides(tmp_path: Path) -> None:
     """A sweep of a car half behind a wall that has no box: simulated returns are left out where the wall returned."""
     wall = Placed(box_mesh(0.2, 3.0, 4.0), "wall", moved(to=(8.0, 1.5, FLOOR)))
-    car = Placed(box_mesh(*SIDES), "car", moved(yaw=np.pi / 2, to=(12.0, 0.0, FLOOR)))
+    car = Placed(box_mesh(*SIDES), "car", moved(yaw=90.0, to=(12.0, 0.0, FLOOR)))
     sensor = make("hdl-64e", noise=0, columns=900)
     alone, among = (zo.scan(Scene.joined(placed), sensor) for placed in ([car], [car, wall]))
     cloud = tmp_path / "000001.bin"

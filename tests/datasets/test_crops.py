@@ -75,7 +75,7 @@ def scene(x: float = 12.0, yaw: float = 30.0, slope: float = 0.0) -> tuple[np.nd
     ground = np.column_stack([flat, slope * flat[:, 0] - 0.75 + rng.normal(0, 0.01, 3000)])
     body = rng.uniform(-0.5, 0.5, (200, 3)) * [4.2, 1.8, 1.5]
     body = body[body[:, 2] > slope * body[:, 0] - 0.75 + 0.15]
-    pose = moved(yaw=np.radians(yaw), to=(x, 3.0, -0.9))
+    pose = moved(yaw=yaw, to=(x, 3.0, -0.9))
     local = np.concatenate([ground, body])
     row = {"file": "a.npy", "label": "Car", "x": x, "y": 3.0, "z": -0.9, "length": 4.2, "width": 1.8, "height": 1.5}
     return local @ pose[:3, :3].T + pose[:3, 3], {**row, "yaw": yaw}, local[len(ground) :]
@@ -186,7 +186,7 @@ def test_pytorch_reads_crops(tmp_path: Path) -> None:
 def test_nuscenes(tmp_path: Path) -> None:
     """The sensor turned by a quarter on its car, the car turned and moved in the world, as the schema says."""
     points, row, body = scene()
-    quarter, world = moved(yaw=-np.pi / 2, to=(0.9, 0.0, 1.8)), moved(yaw=0.7, to=(400.0, 1100.0, 0.0))
+    quarter, world = moved(yaw=-90.0, to=(0.9, 0.0, 1.8)), moved(yaw=np.degrees(0.7), to=(400.0, 1100.0, 0.0))
 
     def quaternion(yaw: float) -> list[float]:
         return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
