@@ -1,7 +1,9 @@
 """Scores of a test with intervals by bootstrap: of all clouds, by the range of the sensor, and by the number of points.
 
 Clouds of one object or of one sweep are alike, so what is drawn anew is whole objects or whole sweeps: the percentile
-interval of Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters.
+interval of Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters. Where all clouds
+are right, or all wrong, no sample differs: the bound is then that of Clopper and Pearson, Biometrika 26, 1934, for n
+objects or sweeps, 0.025^(1/n).
 """
 
 import math
@@ -111,6 +113,8 @@ class Answers:
             drawn = _figures(*(times @ each for each in sums))
             tail = (1.0 - LEVEL) / 2.0
             low, high = (np.array([_quantile(row, share) for row in drawn]) for share in (tail, 1.0 - tail))
+            bound = tail ** (1.0 / n)
+            low[values[:, 0] == 1.0], high[values[:, 0] == 0.0] = bound, 1.0 - bound
         named = zip(("accuracy", "recall", "f1"), values[:, 0], low, high, strict=True)
         return {name: Score(*map(float, numbers)) for name, *numbers in named}
 
