@@ -296,4 +296,4 @@ def test_a_sweep_that_cannot_be_read_is_named_and_the_rest_goes_on(tmp_path: Pat
     (tmp_path / "b.npy").write_bytes(b"no")
     crops = crop_objects(boxes_file(tmp_path, {"a.npy": points}, [row, {**row, "file": "b.npy"}]))
     assert (len(crops), crops.n_sweeps) == (1, 1)
-    assert "b.npy: cannot read" in crops.failures["1"]
+    assert "b.npy: cannot read" in crops.failures[0]

@@ -51,7 +51,7 @@ class Score(NamedTuple):
         return [None if math.isnan(number) else float(number) for number in self]
 
 
-class Row(NamedTuple):
+class ScoreRow(NamedTuple):
     """Scores of the clouds from `low` to below `high`, metres or points."""
 
     low: float
@@ -118,24 +118,24 @@ class Answers:
         named = zip(("accuracy", "recall", "f1"), values[:, 0], low, high, strict=True)
         return {name: Score(*map(float, numbers)) for name, *numbers in named}
 
-    def rows(self, values: NDArray[Any], edges: Sequence[float]) -> list[Row]:
+    def scores_between(self, values: NDArray[Any], edges: Sequence[float]) -> list[ScoreRow]:
         """Return the scores of the clouds between each two edges of values (m,); rows without clouds are left out."""
         found = []
         for low, high in pairwise(edges):
             mask = (values >= low) & (values < high)
             if mask.any():
-                found.append(Row(low, high, int(mask.sum()), self.scores(mask)))
+                found.append(ScoreRow(low, high, int(mask.sum()), self.scores(mask)))
         return found
 
     @property
-    def by_range(self) -> list[Row]:
+    def by_range(self) -> list[ScoreRow]:
         """Scores by the range of the sensor; clouds whose range is unknown are in no row."""
-        return self.rows(self.ranges, RANGES)
+        return self.scores_between(self.ranges, RANGES)
 
     @property
-    def by_points(self) -> list[Row]:
+    def by_points(self) -> list[ScoreRow]:
         """Scores by the number of points of a scan; clouds for which it is unknown are in no row."""
-        return self.rows(self.n_measured, NUMBERS)
+        return self.scores_between(self.n_measured, NUMBERS)
 
     def write(self, folder: Path) -> None:
         """Write evaluation.json and evaluation.png into a folder, which is created."""
