@@ -164,6 +164,16 @@ def test_mistaken_options(run: Run, tmp_path: Path, options: str, words: str) ->
     run(f"crop boxes.csv {options} --out crops", code=2, says=words)
 
 
+def test_a_damaged_cloud_is_named_and_the_others_are_cropped(run: Run, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", RNG.uniform(0, 1, (40, 3)))
+    (tmp_path / "b.npy").write_bytes(b"no")
+    rows = "".join(f"{name}.npy,Car,.5,.5,.5,1,1,1\n" for name in "ab")
+    (tmp_path / "boxes.csv").write_text(f"file,label,x,y,z,length,width,height\n{rows}")
+    outcome = run("crop boxes.csv --ground none --out crops", code=3, says="1 sweep could not be read")
+    assert "b.npy: cannot read the points" in outcome.err
+    assert "1 crop of 1 sweep" in outcome.out
+
+
 def test_places_that_are_no_source(run: Run, tmp_path: Path) -> None:
     run("crop nowhere --out crops", code=1, says="nowhere does not exist")
     (tmp_path / "empty").mkdir()

@@ -56,6 +56,13 @@ def test_rows_have_the_clouds_between_their_edges() -> None:
     assert [(row.low, row.n_clouds) for row in found.by_points] == [(1, 1), (32, 1), (1024, 1)]
 
 
+def test_no_error_in_few_sweeps_is_no_certainty() -> None:
+    """Nine sweeps without an error: a chance of .664 still gives that in 2.5 % of cases."""
+    score = answers([0, 1] * 9, [0, 1] * 9, np.repeat(np.arange(9), 2)).scores()["accuracy"]
+    assert (score.value, score.high) == (1.0, 1.0)
+    assert score.low**9 == pytest.approx(0.025)
+
+
 def test_what_is_undefined(tmp_path: Path) -> None:
     alone = answers([1, 1], [1, 0], [7, 7]).scores()["accuracy"]
     assert alone.value == 0.5
