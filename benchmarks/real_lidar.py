@@ -1,9 +1,10 @@
 """Simulated against real numbers of returns: models as large as the labelled boxes of a drive, seen by its LiDARs.
 
-    python benchmarks/real_lidar.py LOG [--sensor NAME] [--sweeps even|odd] [--out FILE.md]
+    python benchmarks/real_lidar.py LOG [--sensor NAME] [--sweeps even|odd] [--scores] [--out FILE.md]
 
 --sensor: a name of the table of sensors, instead of finding it from the log. --out: write the tables there too.
 --sweeps: only files of even or odd numbers. On KITTI's even ones the windows of built-in vehicles were fitted.
+--scores: by how much other reaches and windows miss the cars, instead of the report.
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
 and nothing chosen here: the sensor is found from the log, and its numbers are those of the table of sensors.
 
@@ -71,6 +72,9 @@ LIKELY = 40
 """Members among which the `MODELS` of a person are found, by the proportions of the box."""
 DRAWS = 200
 """How often albedos, glass and returns are drawn."""
+SCORED = (10.0, 50.0)
+"""Metres. KITTI's nearer cars are cut by the image's edge, and their boxes guessed there."""
+REACHES, WINDOWS = (110.0, 120.0, 130.0, 140.0), (0.01, 0.02, 0.05, 0.1, 0.2, 1.0)
 BEFORE = 0.5
 """Metres. A real return so much nearer than a simulated one is of something in front; labels are not as exact."""
 
@@ -217,14 +221,14 @@ def hidden_by_others(scan: Scan, box: Box, sensor: Sensor, cloud: Path) -> np.nd
     return found
 
 
-def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
+def drawn(sightings: list[Counted], reach: float, darkest: float = traffic.GLASS[0]) -> np.ndarray:
     """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with albedos and glass drawn."""
-    low, high = traffic.GLASS
+    brightest = traffic.GLASS[1]
     found = np.zeros((DRAWS, len(sightings)), dtype=np.int64)
     rng = np.random.default_rng(0)
     for number, one in enumerate(sightings):
         own = np.random.default_rng(one.identity)
-        albedos, glass = draw_albedos(own, DRAWS)[:, None], low * (high / low) ** own.random((DRAWS, 1))
+        albedos, glass = draw_albedos(own, DRAWS)[:, None], darkest * (brightest / darkest) ** own.random((DRAWS, 1))
         for model, returns in enumerate(one.returns):
             cosines, ranges, is_glass = returns.T
             if len(ranges):
@@ -233,6 +237,34 @@ def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
                 shares = detection_probability(behind, cosines, ranges, reach).mean(axis=1)
                 found[mine, number] = rng.binomial(len(ranges), shares)
     return found
+
+
+def score_of(sightings: list[Counted], simulated: np.ndarray) -> float:
+    """Return the CRPS (Gneiting and Raftery 2007) of log(1 + returns): the mean of the mean of each 10 m."""
+    real, made = np.log1p([one.real for one in sightings]), np.log1p(np.sort(simulated, axis=0))
+    weights = (2.0 * np.arange(1, DRAWS + 1) - DRAWS - 1.0) / DRAWS**2
+    each = np.abs(made - real).mean(axis=0) - weights @ made
+    tens = np.array([one.distance // 10.0 for one in sightings])
+    return float(np.mean([each[tens == ten].mean() for ten in np.unique(tens)]))
+
+
+def scores(sightings: list[Counted]) -> list[str]:
+    """Say the score of the cars at `SCORED` by reach and by the factor of the darkest windows."""
+    cars = [one for one in sightings if one.group == "cars" and SCORED[0] <= one.distance < SCORED[1]]
+    if not cars:
+        return ["There are no cars to score."]
+    rows = [[score_of(cars, drawn(cars, reach, darkest)) for darkest in WINDOWS] for reach in REACHES]
+    head = "| reach, m | " + " | ".join(f"{darkest:g}" for darkest in WINDOWS) + " |"
+    body = [
+        f"| {reach:g} | " + " | ".join(f"{x:.3f}" for x in row) + " |" for reach, row in zip(REACHES, rows, strict=True)
+    ]
+    return [
+        f"{len(cars)} cars; columns: factor of the darkest windows.",
+        "",
+        head,
+        "| --- " * (len(WINDOWS) + 1) + "|",
+        *body,
+    ]
 
 
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
@@ -316,7 +348,7 @@ def listed(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
     ]
 
 
-def measure(log: Log, parity: str = "all") -> list[str]:
+def measure(log: Log, parity: str = "all", *, scored: bool = False) -> list[str]:
     """Scan a log's sweeps and report."""
     numbers = [int(s.cloud.stem) if s.cloud and s.cloud.stem.isdigit() else i for i, s in enumerate(log.sweeps)]
     kept = [sweep for number, sweep in zip(numbers, log.sweeps, strict=True) if PARITIES[parity] in (None, number % 2)]
@@ -335,17 +367,21 @@ def measure(log: Log, parity: str = "all") -> list[str]:
     end = ["", f"Sweeps that could not be read and were skipped: {n_skipped}."] if n_skipped else []
     if not sightings:
         return [head, *end]
+    if scored:
+        return [head, "", *scores(sightings), *end]
     simulated = drawn(sightings, reach)
     few = listed(sightings, simulated) if len(sightings) <= 3 * LEAST else []
     return [head, "", *few, *report(sightings, simulated), *end]
 
 
-def main(log: Path, *, sensor: str | None = None, sweeps: str = "all", out: Path | None = None) -> None:
+def main(
+    log: Path, *, sensor: str | None = None, sweeps: str = "all", scores: bool = False, out: Path | None = None
+) -> None:
     try:
         drive = read_log(log, sensor)
         for reason in drive.skipped:
             print(f"skipped: {reason}", file=sys.stderr, flush=True)
-        lines = measure(drive, sweeps)
+        lines = measure(drive, sweeps, scored=scores)
     except OccludeError as error:
         raise SystemExit(f"error: {log}: {error}") from None
     print("\n".join(lines))

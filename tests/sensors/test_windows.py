@@ -200,6 +200,16 @@ def test_windows_of_road_users_reach_datasets() -> None:
     assert np.array_equal(clear.transmittance == 0.8, car.colors.scattering < 1.0)
 
 
+def test_a_road_user_alone_is_scanned_as_in_a_scene() -> None:
+    """Alone it has the luminance of its colours, in a scene the albedo of the object: both are the typical one."""
+    car, pose = traffic.make("car", 0), zo.sensors.look_at([8.0, -6.0, 1.7], [0.0, 0.0, 0.8])
+    alone, placed = (zo.scan(each, lidar(noise=0), pose) for each in (car, Scene.joined([Placed(car, "car")])))
+    assert len(alone) > 50
+    assert alone.intensities == pytest.approx(placed.intensities, rel=0.02)
+    assert car.colors is not None
+    assert (car.colors.scattering[alone.face_ids] < 1.0).any()
+
+
 def test_materials_by_name() -> None:
     mesh = glazed(0.3)
     assert len(zo.scan(mesh, lidar(noise=0, returns="all"), transparent={"glass*": 0.5})) == 2 * 90 * 16

@@ -86,7 +86,7 @@ BODY = Material((0.485, 0.485, 0.485), name="body")
 def glass_of(draw: Draw) -> Material:
     """Return the material of a vehicle's windows."""
     low, high = GLASS
-    return Material((0.1, 0.1, 0.1), name="glass", scattering=low * (high / low) ** draw.between(0.0, 1.0))
+    return BODY._replace(name="glass", scattering=low * (high / low) ** draw.between(0.0, 1.0))
 
 
 def _vehicle(draw: Draw, label: str) -> MeshPart:
