@@ -35,6 +35,11 @@ API = {
     "sensors": ("Sensors", "sensors.", ("make", "Sensor", "NoiseModel")),
     "motion": ("Places and motion of sensors", "sensors.", ("look_at", "Motion", "read_trajectory")),
     "real_scans": ("Real scans", "", ("compare_scans", "studies.compare.scan_comparison.ScanComparison")),
+    "classifiers": (
+        "Crops and classifiers",
+        "",
+        ("crop_objects", "datasets.real.crops.Crops", "load_classifier", "studies.learn.training.Trained"),
+    ),
     "scenes": ("Scenes", "sensors.scenes.", ("Placed", "moved", "Scene")),
     "torch": (
         "PyTorch",
@@ -63,6 +68,8 @@ MEMBERS = {
     "Sensor": ("rays", "with_numbers"),
     "Views": ("around", "eyes", "poses"),
     "Scene": ("joined",),
+    "Crops": ("counts", "save"),
+    "Trained": ("predict", "probabilities"),
 }
 """Members of a class that its page documents."""
 

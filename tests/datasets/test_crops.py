@@ -9,6 +9,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import DATA
+from tests.studies.paper.hand_made import write_sydney
 from zbuf_occlude.datasets.cloud_files import read_points
 from zbuf_occlude.datasets.real.crops import FIELDS, check_empty, crop_objects
 from zbuf_occlude.datasets.source import open_dataset
@@ -222,6 +223,35 @@ def test_nuscenes(tmp_path: Path) -> None:
         crop_objects(tmp_path)
 
 
+def test_argoverse(tmp_path: Path) -> None:
+    """Boxes of the sweep's own time; the sensor is on the roof, ahead of the vehicle's origin."""
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
+    from tests.studies.paper.drives import THINGS, write_argoverse
+
+    crops = crop_objects(write_argoverse(tmp_path), ground=None)
+    things = [thing for thing in THINGS if thing.n_points >= 16]
+    assert [(crop.box.label, len(crop.points)) for crop in crops] == [(t.argoverse, t.n_points) for t in things]
+    assert [crop.box.track for crop in crops] == [f"track-{number}" for number in range(4)]
+    assert crops[0].range == pytest.approx(np.hypot(12.0 - 1.35, 3.0), abs=1e-6)
+    assert crops[0].sweep == "log-1/315966265259836000"
+    crops.save(tmp_path / "out")
+    assert (tmp_path / "out/PEDESTRIAN/log-1_315966265259836000-0.ply").exists()
+
+
+def test_sydney(tmp_path: Path) -> None:
+    """Its objects are cut out: every point stays, with or without --ground; two of one sweep share its name."""
+    rng = np.random.default_rng(4)
+    scans = {"car.0.7": rng.uniform(4, 6, (40, 3)), "car.1.7": rng.uniform(8, 9, (30, 3)), "tree.2.9": np.ones((17, 3))}
+    root = write_sydney(tmp_path, scans)
+    for ground in ("fit", None):
+        crops = crop_objects(root, ground=ground)  # type: ignore[arg-type]
+        found = [(crop.class_name, crop.sweep, len(crop.points)) for crop in crops]
+        assert found == [("car", "7", 40), ("car", "7", 30), ("tree", "9", 17)]
+    assert crops.layout == "Sydney Urban Objects"
+    crops.save(tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out/car").iterdir()) == ["7-0.ply", "7-1.ply"]
+
+
 def test_files_of_clouds(tmp_path: Path) -> None:
     """Every format has the same points; those not finite and at the origin are no returns."""
     rng = np.random.default_rng(0)
@@ -266,4 +296,4 @@ def test_a_sweep_that_cannot_be_read_is_named_and_the_rest_goes_on(tmp_path: Pat
     (tmp_path / "b.npy").write_bytes(b"no")
     crops = crop_objects(boxes_file(tmp_path, {"a.npy": points}, [row, {**row, "file": "b.npy"}]))
     assert (len(crops), crops.n_sweeps) == (1, 1)
-    assert "b.npy: cannot read" in crops.failures["1"]
+    assert "b.npy: cannot read" in crops.failures[0]

@@ -81,7 +81,7 @@ def crop_command(source: Path, out: Path, classes: str | None, ground: str, rang
         echo(line)
     echo(f"crops    {out / OBJECTS}")
     if found.failures:
-        reasons = "\n  ".join(found.failures.values())
+        reasons = "\n  ".join(found.failures)
         echo(f"{counted(len(found.failures), 'sweep')} could not be read:\n  {reasons}", err=True)
         raise click.exceptions.Exit(SOME_FAILED)
 

@@ -12,7 +12,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
@@ -50,6 +50,9 @@ AROUND, BAND, LEAST_GROUND, CLEARANCE, STEEPEST, FITS = 2.0, 0.5, 20, 0.1, 0.3, 
 metres that noise and grass may rise above the plane, the largest slope that a ground has, and the number of fits."""
 SAME_SIDES = 0.01
 """Metres to which the sides of two boxes agree where layouts do not say which objects are the same."""
+
+OTHER_LABELS = "of other labels"
+"""Reason for which boxes are left out that are in no class."""
 
 Classes = Mapping[str, Sequence[str]]
 Ground = float | Literal["fit"] | None
@@ -95,13 +98,11 @@ class Crop:
 class Crops(Sequence[Crop]):
     """Crops of the objects of some sweeps, and what was left out."""
 
-    layout: str
-    objects: list[Crop] = field(default_factory=list)
-    left_out: Counter[str] = field(default_factory=Counter)
-    """Boxes by the reason for which they were left out."""
-    n_sweeps: int = 0
-    failures: dict[str, str] = field(default_factory=dict)
-    """Reason by the number of a sweep that could not be read."""
+    layout: str  # name of the layout of the sweeps
+    objects: list[Crop]
+    left_out: Counter[str]  # boxes by the reason for which they were left out
+    n_sweeps: int  # sweeps that were read
+    failures: list[str]  # a message for each sweep that could not be read
 
     def __len__(self) -> int:
         return len(self.objects)
@@ -200,7 +201,7 @@ def crop_objects(
     Returns
     -------
     Crops
-        A sequence of `Crop`; `left_out` counts the boxes left out by reason, `failures` names sweeps not read.
+        A sequence of `Crop`; `left_out` counts the boxes left out by reason, `failures` names unread sweeps.
 
     Raises
     ------
@@ -217,36 +218,32 @@ def crop_objects(
     layout, loaders = find_sweeps(Path(source))
     if not layout.has_ground:
         cutter.ground = None
-    crops, labels = Crops(layout.name), Counter[str]()
-    for number, load in enumerate(loaders):
+    objects, labels, failures = list[Crop](), Counter[str](), list[str]()
+    for number, load in enumerate(loaders, 1):
         try:
             sweep = load()
         except DatasetError as error:
-            crops.failures[str(number)] = str(error)
+            failures.append(str(error))
         else:
             labels.update(box.label for box in sweep.boxes)
-            crops.objects.extend(cutter.cut(sweep, crops.left_out))
-        progress(number + 1, len(loaders))
-    n_read = len(loaders) - len(crops.failures)
-    if not n_read:
-        raise DatasetError(next(iter(crops.failures.values())))
-    if not crops.objects and labels and crops.left_out[OTHER_LABELS] == labels.total():
+            objects += cutter.crops_of(sweep)
+        progress(number, len(loaders))
+    if len(failures) == len(loaders):
+        raise DatasetError(failures[0])
+    if labels and cutter.left_out[OTHER_LABELS] == labels.total():
         wanted = [label for labels_of in cutter.classes.values() for label in labels_of]
         raise OptionError(
             f"a class must have a label of {source}: {', '.join(sorted(labels))}; got {', '.join(wanted)}."
             f"{did_you_mean(wanted[0], labels)}"
         )
-    found = Crops(layout.name, crops.objects, crops.left_out, n_read, crops.failures)
+    found = Crops(layout.name, objects, cutter.left_out, len(loaders) - len(failures), failures)
     if out is not None:
         found.save(Path(out))
     return found
 
 
-OTHER_LABELS = "of other labels"
-
-
 class _Cutter:
-    """Options of crops, and the sensor's places from which each object was cropped so far."""
+    """Options of crops, what was left out so far, and the sensor's places from which each object was cropped."""
 
     def __init__(
         self,
@@ -270,26 +267,27 @@ class _Cutter:
         self.low, self.high = (0.0, math.inf) if range is None else (float(range[0]), float(range[1]))
         if not 0.0 <= self.low < self.high:
             raise OptionError(f"range must be metres A..B with 0 <= A < B; got {self.low:g}..{self.high:g}.")
+        self.left_out = Counter[str]()
         self.seen = defaultdict[tuple[Any, ...], list[tuple[str, FloatArray]]](list)
 
-    def cut(self, sweep: Sweep, left_out: Counter[str]) -> list[Crop]:
+    def crops_of(self, sweep: Sweep) -> list[Crop]:
         """Return the crops of a sweep; count the boxes left out by reason."""
         points = sweep.points[np.isfinite(sweep.points).all(axis=1)]
         found = []
         for box in sweep.boxes:
             class_name = self.class_of(box.label)
             if class_name is None:
-                left_out[OTHER_LABELS] += 1
+                self.left_out[OTHER_LABELS] += 1
                 continue
             near = points[is_near(box, points, self.margin + AROUND)]
             mine = near[self.is_in(box, near)]
             crop = Crop(class_name, sweep.name, box, self.placed(mine, box, sweep.sensor), sweep.sensor)
             if not self.low <= crop.range < self.high:
-                left_out["out of range"] += 1
+                self.left_out["out of range"] += 1
             elif len(mine) < self.least_points:
-                left_out[f"with fewer than {self.least_points} points"] += 1
+                self.left_out[f"with fewer than {self.least_points} points"] += 1
             elif self.is_near_duplicate(crop):
-                left_out["near duplicates"] += 1
+                self.left_out["near duplicates"] += 1
             else:
                 found.append(crop)
         return found

@@ -1,7 +1,9 @@
 """Scores of a test with intervals by bootstrap: of all clouds, by the range of the sensor, and by the number of points.
 
 Clouds of one object or of one sweep are alike, so what is drawn anew is whole objects or whole sweeps: the percentile
-interval of Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters.
+interval of Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters. Where all clouds
+are right, or all wrong, no sample differs: the bound is then that of Clopper and Pearson, Biometrika 26, 1934, for n
+objects or sweeps, 0.025^(1/n).
 """
 
 import math
@@ -21,7 +23,7 @@ from zbuf_occlude.studies.learn.evaluation import Confusion, predict
 if TYPE_CHECKING:
     from zbuf_occlude.studies.learn.networks import Classifier
 
-DRAWS = 2000
+DRAWS = 1000
 """Bootstrap samples."""
 LEVEL = 0.95
 """Share of the samples that an interval has."""
@@ -49,7 +51,7 @@ class Score(NamedTuple):
         return [None if math.isnan(number) else float(number) for number in self]
 
 
-class Row(NamedTuple):
+class ScoreRow(NamedTuple):
     """Scores of the clouds from `low` to below `high`, metres or points."""
 
     low: float
@@ -106,31 +108,34 @@ class Answers:
         n = sums.shape[1]
         low, high = np.full((2, len(values)), np.nan)
         if n > 1:
-            times = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), DRAWS).astype(np.float64)
+            drawn_groups = np.random.default_rng(0).integers(n, size=(DRAWS, n)) + n * np.arange(DRAWS)[:, None]
+            times = np.bincount(drawn_groups.ravel(), minlength=DRAWS * n).reshape(DRAWS, n).astype(np.float64)
             drawn = _figures(*(times @ each for each in sums))
             tail = (1.0 - LEVEL) / 2.0
             low, high = (np.array([_quantile(row, share) for row in drawn]) for share in (tail, 1.0 - tail))
+            bound = tail ** (1.0 / n)
+            low[values[:, 0] == 1.0], high[values[:, 0] == 0.0] = bound, 1.0 - bound
         named = zip(("accuracy", "recall", "f1"), values[:, 0], low, high, strict=True)
         return {name: Score(*map(float, numbers)) for name, *numbers in named}
 
-    def rows(self, values: NDArray[Any], edges: Sequence[float]) -> list[Row]:
+    def scores_between(self, values: NDArray[Any], edges: Sequence[float]) -> list[ScoreRow]:
         """Return the scores of the clouds between each two edges of values (m,); rows without clouds are left out."""
         found = []
         for low, high in pairwise(edges):
             mask = (values >= low) & (values < high)
             if mask.any():
-                found.append(Row(low, high, int(mask.sum()), self.scores(mask)))
+                found.append(ScoreRow(low, high, int(mask.sum()), self.scores(mask)))
         return found
 
     @property
-    def by_range(self) -> list[Row]:
+    def by_range(self) -> list[ScoreRow]:
         """Scores by the range of the sensor; clouds whose range is unknown are in no row."""
-        return self.rows(self.ranges, RANGES)
+        return self.scores_between(self.ranges, RANGES)
 
     @property
-    def by_points(self) -> list[Row]:
+    def by_points(self) -> list[ScoreRow]:
         """Scores by the number of points of a scan; clouds for which it is unknown are in no row."""
-        return self.rows(self.n_measured, NUMBERS)
+        return self.scores_between(self.n_measured, NUMBERS)
 
     def write(self, folder: Path) -> None:
         """Write evaluation.json and evaluation.png into a folder, which is created."""

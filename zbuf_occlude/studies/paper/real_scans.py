@@ -28,7 +28,7 @@ CARS: dict[str, tuple[Set[str], Set[str]]] = {
     "KITTI": ({"Car", "Van"}, {"Misc", "Truck", "Tram"}),
     "Argoverse 2": ({"REGULAR_VEHICLE"}, set(_LARGE.split())),
 }
-"""For each layout of a drive the labels of cars, and ambiguous labels, which are left out; others are other objects."""
+"""Labels of cars in each layout of a drive, and ambiguous labels, which are left out; others are other objects."""
 
 
 def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.float32]:
