@@ -29,7 +29,8 @@ def test_from_a_dataset_to_figures(run: Run, modelnet: Path, tmp_path: Path) -> 
     tested = run("evaluate model clouds --out figures --device cpu")
     document = json.loads((tmp_path / "figures" / "evaluation.json").read_text())
     assert np.sum(document["confusion"], axis=1).tolist() == [12, 12]
-    assert f"accuracy {document['accuracy']:.1%} of 24 clouds" in tested.out
+    low, high = (100 * bound for bound in document["scores"]["accuracy"][1:])
+    assert f"accuracy {document['accuracy']:.1%} ({low:.1f}-{high:.1f}) of 24 clouds" in tested.out
     assert [line.split()[:2] for line in tested.out.splitlines()[1:3]] == [["ball", "12"], ["brick", "12"]]
     assert (tmp_path / "figures" / "evaluation.png").read_bytes()[1:4] == b"PNG"
     run(f"train clouds {QUICK} --seed 1 --out model", code=1, says="must be empty or hold this same training")
