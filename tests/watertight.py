@@ -81,10 +81,11 @@ def surrounded_vertices(mesh: zo.Mesh, eye: FloatArray) -> FloatArray:
     """Vertices (n, 3) all about which faces lie, all of them seen by an eye from one side."""
     _, ids = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces, n = ids.reshape(-1)[mesh.faces], int(ids.max()) + 1
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    both, counts = np.unique(edges, axis=0, return_counts=True)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    both, inverse, counts = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    balance = np.bincount(inverse.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1), minlength=len(both))
     is_inner = np.ones(n, dtype=bool)
-    is_inner[both[counts != 2]] = False
+    is_inner[both[(counts != 2) | (balance != 0)]] = False  # faces that run one way there may be folded over each other
     heights = np.einsum("fi,fi->f", mesh.face_normals, eye - mesh.corners[:, 0])
     sides = np.sign(heights) * (np.abs(heights) > 1e-6 * mesh.areas * mesh.diagonal)
     low, high = np.ones(n), -np.ones(n)

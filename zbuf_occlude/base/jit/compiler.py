@@ -147,7 +147,7 @@ functions are optimised once. The caller's options apply to it, so the caller mu
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of code compiled from these sources for this processor; None if no folder can be written.
+    """Return the folder of code compiled from these sources; None if no folder can be written.
 
     It is a subfolder of NUMBA_CACHE_DIR if that is set. Otherwise it is in the package's ``__pycache__``, in
     ``~/.cache``, or in a private temporary folder: the first that can be written. A new folder replaces those of other
@@ -231,8 +231,11 @@ def note_compiled(job: str) -> None:
 
 @cache
 def _names() -> tuple[str, str]:
-    """Return the parts of the folder's name: a digest of package, Python and processor, and one of the sources."""
-    installation = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    """Return the parts of the folder's name: a digest of package and Python, and one of the sources.
+
+    Code for several processors can be in one folder: numba keeps them apart.
+    """
+    installation = _digest(str(PACKAGE), sys.implementation.cache_tag)
     return f"zbuf_occlude-{installation}", _digest(*_sources())
 
 
@@ -266,35 +269,8 @@ def _sources() -> Iterator[bytes]:
             yield source.read_bytes()
 
 
-def _processor() -> str:
-    """Return the model of the processor, as Linux describes it, without what differs between its cores."""
-    keys = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
-    with suppress(OSError), open("/proc/cpuinfo") as file:
-        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(keys))
-    import platform  # late: only other systems need it
-
-    return platform.processor()
-
-
 def _digest(*parts: str | bytes | None) -> str:
     found = hashlib.sha1()
     for part in parts:
         found.update(b"%b\0" % (part if isinstance(part, bytes) else str(part).encode(errors="surrogateescape")))
     return found.hexdigest()[:12]
-
-
-@contextmanager
-def without_scipy() -> Iterator[None]:
-    """Hide scipy from numba and trimesh within the block, in a process of this package's own.
-
-    Before its first function numba imports scipy, for 0.15 s, to find BLAS, which no function here uses. A trimesh
-    that is imported within the block stays without scipy: call nothing of it that needs scipy.
-    """
-    hidden = "scipy" not in sys.modules
-    if hidden:
-        sys.modules["scipy"] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        if hidden:
-            del sys.modules["scipy"]

@@ -24,7 +24,6 @@ import numpy as np
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.base.errors import GlError, OccludeError, OptionError, check_fraction
 from zbuf_occlude.base.extras import importing
-from zbuf_occlude.base.jit.compiler import without_scipy
 from zbuf_occlude.engines.gl.devices import FIXES, default_device
 from zbuf_occlude.geometry.camera import (
     Frusta,
@@ -351,8 +350,7 @@ def _serve(pipe: Connection) -> None:
     """
     advice = f"Is EGL installed ({FIXES['egl']}), and EGL_DEVICE_ID right?"
     try:
-        # without scipy, which trimesh imports for pyrender but does not need here, starting takes 40 % less time
-        with importing("pyrender", "method 'pyrender'"), without_scipy():
+        with importing("pyrender", "method 'pyrender'"):
             import pyrender
 
             _ = pyrender.OffscreenRenderer  # fails for an empty package, which can be imported
