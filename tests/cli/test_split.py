@@ -29,5 +29,5 @@ def test_splits_are_stated_and_stay(run: Run, tmp_path: Path) -> None:
     assert first.items() <= second.items()
     run(f"generate meshes {small} --splits test --out three")
     assert set(split_of(tmp_path / "three").values()) == {"test"}
-    assert "sum 1" in run("generate meshes --split 0.5,0.2 --out four", code=1).err
+    assert "sum 1" in run("generate meshes --split 0.5,0.2 --out four", code=2).err
     assert "0.8,0.1,0.1" in run("generate meshes --split most --out five", code=2).err

@@ -96,7 +96,7 @@ def write_contact_sheet(path: Path, source: CloudReader) -> bool:
 
 def _panels(record: Any, source: CloudReader) -> list[tuple[str, NDArray[np.uint32]]]:
     """Return the titles and pictures of a cloud, from top to bottom."""
-    whole = complete_cloud(record, source)
+    whole = _complete_cloud(record, source)
     positions, camera, up, whole = upright(record, source.plan.recipe, whole)
     values = record["color"] / 255.0 if "color" in record.dtype.names else None
     name, (azimuth, elevation) = source.plan.classes[record["label"][0]], np.degrees(record["view"][:2])
@@ -183,11 +183,11 @@ def _telling(labels: NDArray[Any], towards: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def complete_cloud(record: Any, source: CloudReader) -> FloatArray:
+def _complete_cloud(record: Any, source: CloudReader) -> FloatArray:
     """Return points (m, 3) of the complete cloud of a cloud's object, in its axes; none where none is kept."""
     if source.complete is None or source.plan.recipe.complete:
         return np.empty((0, 3))
-    return in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.recipe)
+    return _in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.recipe)
 
 
 def hidden_part(record: Any, source: CloudReader) -> FloatArray:
@@ -196,13 +196,13 @@ def hidden_part(record: Any, source: CloudReader) -> FloatArray:
     Where it is not kept which points are hidden, they are those of the complete cloud, or none.
     """
     if source.block is None or source.plan.recipe.setup is not None:
-        return complete_cloud(record, source)[:GHOST_POINTS]
+        return _complete_cloud(record, source)[:GHOST_POINTS]
     block = source.block(int(record["mesh_id"]), int(record["variation"]))
     hidden = np.flatnonzero(~block.mask[int(record["view_id"])])
     return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
 
 
-def in_object_axes(record: Any, pose: FloatArray, recipe: DatasetConfig) -> FloatArray:
+def _in_object_axes(record: Any, pose: FloatArray, recipe: DatasetConfig) -> FloatArray:
     """Return the points (n, 3) of a record, seen with a `pose`, in the object's axes and unit."""
     positions = record["data"] / record["factor"] + record["centre"]
     return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if recipe.frame == "camera" else positions)
@@ -215,7 +215,7 @@ def upright(
 
     Centre and longest side are those of all points together.
     """
-    pose, positions = cloud["pose"], in_object_axes(cloud, cloud["pose"], recipe)
+    pose, positions = cloud["pose"], _in_object_axes(cloud, cloud["pose"], recipe)
     together = np.concatenate([positions, others])
     low, high = together.min(axis=0), together.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place

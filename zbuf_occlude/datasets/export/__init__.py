@@ -1,9 +1,9 @@
 """Exports: the layouts that published loaders read, made from a dataset, and conversion to another format.
 
 A layout is exported from the clouds of a dataset by one function. `generate --format pcn` makes the files of its shards
-in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums, but it is
-not read back. For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view, pose, face ids, ...), a
-row per cloud in the layout's order.
+in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums. Only
+layouts of completion are read back, to be looked at. For each split ``clouds_SPLIT.npy`` has what a record holds
+besides points (view, pose, face ids, ...), a row per cloud in the layout's order.
 """
 
 import math

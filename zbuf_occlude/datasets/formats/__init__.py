@@ -13,6 +13,7 @@ A layout's module, in `zbuf_occlude.datasets.export`, has
 
     export(source, out) -> Exported                 writes all files, from the clouds of a dataset
     check(plan)                                     optional: raises if loaders could not read what the plan gives
+    read(out, plan, files) -> CloudReader           optional: reads clouds back, to be looked at
 """
 
 from collections.abc import Iterator, Mapping
