@@ -27,6 +27,10 @@ def test_splits_are_stated_and_stay(run: Run, tmp_path: Path) -> None:
     second = split_of(tmp_path / "two")
     assert len(second) == 30
     assert first.items() <= second.items()
+    few = run(f"generate meshes {small} --limit 20 --out few --dry-run").err
+    (row,) = (line.split() for line in few.splitlines() if line.startswith("chair"))
+    assert sum(map(int, row[1:])) == 20
+    assert int(row[1]) >= 7, "the first ones are not as many of each split"
     run(f"generate meshes {small} --splits test --out three")
     assert set(split_of(tmp_path / "three").values()) == {"test"}
     assert "sum 1" in run("generate meshes --split 0.5,0.2 --out four", code=2).err

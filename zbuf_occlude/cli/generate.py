@@ -234,7 +234,7 @@ def generate_command(
         choose=lambda meshes: choose(row.select(meshes)),
         shapes=shapes,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
-        divide=lambda meshes: meshes if recipe["split"] is None else meshes.divided(recipe["split"], recipe["seed"]),
+        divide=None if recipe["split"] is None else lambda meshes: meshes.divided(recipe["split"], recipe["seed"]),
         **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )
     read_as = taken_as(collection, up, unit, lengths_of(setup, unit))

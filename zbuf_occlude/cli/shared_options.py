@@ -345,9 +345,11 @@ def collect(
     splits: list[str] | None = None,
     shapes: str = BUILT_IN[0].name,
     colors: bool = False,
-    divide: Callable[[MeshCollection], MeshCollection] = lambda meshes: meshes,
+    divide: Callable[[MeshCollection], MeshCollection] | None = None,
 ) -> MeshCollection:
-    """Return the meshes of `paths`, or the built-in `shapes`; divided, selected, ordered, at most `limit` of them.
+    """Return the meshes of `paths`, or the built-in `shapes`; selected, ordered, at most `limit` of them.
+
+    `divide` gives them splits, from which `splits` are selected.
 
     Files in `out` are left out: they may be clouds (PLY) of an earlier run in a folder among the meshes.
     """
@@ -362,7 +364,10 @@ def collect(
     else:
         meshes = find_row("shapes", shapes, BUILT_IN).collection()
         meshes = meshes if labels is None else meshes.labelled(labels)
-    meshes = choose(divide(meshes).select(classes=classes, splits=splits))
+    if divide is None:
+        meshes = choose(meshes.select(classes=classes, splits=splits))
+    else:  # ordered before they have splits, so that the first of them have the same shares
+        meshes = divide(choose(meshes.select(classes=classes))).select(splits=splits)
     return meshes if limit is None else meshes.limit(limit)
 
 

@@ -100,6 +100,10 @@ def test_on_the_fly_takes_what_calls_take() -> None:
         ):
             _, _, pose = OnTheFlyPairs(partial, n_complete=64)(slab(), "slab")
             assert np.degrees(np.arcsin(float(pose[2, 2]))) == pytest.approx(35, abs=0.01)
+    narrow = zo.views.ring(3, elevation=35).looking(field_of_view=np.radians(4))
+    seen = OnTheFlyOcclusion(200, views=narrow, scale="mesh", frame="camera")(slab())
+    tangents = seen[:, :2] / -seen[:, 2:]
+    assert 0.9 * np.tan(np.radians(2)) < tangents.abs().max() <= np.tan(np.radians(2)) + 1e-6
     cloud = OnTheFlyOcclusion(500, scale="mesh", frame="camera", axes="opencv", attributes=("normals",))(slab())
     assert (cloud[:, 2] > 13).all()
     assert (torch.sum(cloud[:, :3] * cloud[:, 3:], dim=1) < 0).all(), "normals are turned towards the camera"

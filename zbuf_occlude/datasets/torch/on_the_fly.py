@@ -268,8 +268,8 @@ class _Subject:
     def _try(self, settings: OnTheFlyOcclusion) -> float:
         """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
         points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
-        views = settings.views.draw(TRIED_EYES, 0)
-        mask = self.occluder.visible(points, views.around(self.mesh.centre, self.mesh.longest_side).eyes)
+        views = settings.views.draw(TRIED_EYES, 0).around(self.mesh.centre, self.mesh.longest_side)
+        mask = self.occluder.visible(points, views.eyes) & views.in_frustum(points.positions)
         return float(np.clip(np.quantile(mask.mean(axis=1), 0.25), 0.02, 1.0))
 
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
@@ -284,6 +284,7 @@ class _Subject:
         for _ in range(ROUNDS):
             points = sample_surface(mesh, n_points=n_sampled, seed=rng)
             mask = self.occluder.visible(points, eyes[lacking])
+            mask &= views.select(lacking).in_frustum(points.positions)  # of cameras of a file
             for eye, seen in zip(lacking, mask, strict=True):
                 found[eye].append(_rows(points, seen, eyes[eye], settings.attributes))
             counts[lacking] += mask.sum(axis=1)
@@ -423,7 +424,8 @@ class OnTheFlyScan:
         Elevation of the sensor above the object's middle, degrees: uniform over the sphere between two, or one. Over a
         ground a LiDAR's follows from its height.
     views : Views or str, optional
-        Instead of random azimuths and elevations: the sensor is at one of these views, such as ``"ring:8@20"``.
+        Instead of random azimuths and elevations: the sensor is at one of these views, such as ``"ring:8@20"``; with
+        ``range=None`` at their own distances, in longest sides.
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     frame : {"object", "camera"}
