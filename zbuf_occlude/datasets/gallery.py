@@ -142,9 +142,10 @@ def _drawn(
     behind, _ = marks_of(ghost, eye=eye, target=np.zeros(3), up=up)
     middle, half = picture_frame(marks_of(framed, eye=eye, target=np.zeros(3), up=up)[0], None)
     half *= MARGIN
-    diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
     for some, tints in ((behind, np.broadcast_to(np.array(GHOST) / 255.0, (len(behind), 3))), (places, colours)):
-        paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
+        if len(some):
+            diameter = np.sqrt(area_of_mark(some, half, PANEL / A_POINT)) * A_POINT * FINER
+            paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
     return panel
 
 
