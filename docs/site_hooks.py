@@ -46,7 +46,7 @@ API = {
         "datasets.torch.",
         ("CloudDataset", "CloudStream", "CompletionPairs", "collate_ragged", "augmentation"),
     ),
-    "on_the_fly": ("PyTorch, on the fly", "datasets.torch.", ("OnTheFlyOcclusion", "OnTheFlyScan")),
+    "on_the_fly": ("PyTorch, on the fly", "datasets.torch.", ("OnTheFlyOcclusion", "OnTheFlyScan", "OnTheFlyPairs")),
     "tensors": ("PyTorch, visibility of tensors", "datasets.torch.", ("visible", "first_hits")),
     "errors": (
         "Errors",

@@ -21,7 +21,7 @@ from zbuf_occlude.meshes.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
-from zbuf_occlude.views.model import MOST_PIXELS
+from zbuf_occlude.views.model import AXES, MOST_PIXELS, with_axes
 from zbuf_occlude.visibility import check_keywords, find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -55,7 +55,7 @@ class PartialCloud(Cloud):
     visible_fraction : float or None
         Share of the sampled surface points that the eye sees; None for a sensor, which samples no surface.
     pose : (4, 4) float
-        View matrix: the mesh's coordinates to the camera's (x right, y up, looking along -z).
+        View matrix: the mesh's coordinates to the camera's, with the axes that were asked for.
 
     Examples
     --------
@@ -97,6 +97,7 @@ def occlude(
     method: str = "exact",
     sensor: str | Path | Sensor | None = None,
     frame: str = "object",
+    axes: str = "opengl",
     up: str | None = None,
     unit: str | None = None,
     colors: bool = False,
@@ -127,7 +128,9 @@ def occlude(
     sensor : str or Sensor, optional
         The points are the returns of this sensor, as of `zbuf_occlude.scan`; the mesh is in metres.
     frame : {"object", "camera"}
-        Frame of points, normals and eye: the mesh's coordinates, or the camera's (x right, y up, looking along -z).
+        Frame of points, normals and eye: the mesh's coordinates, or the camera's.
+    axes : {"opengl", "opencv"}
+        Axes of the camera: x right, y up, looking along -z; or x right, y down, looking along z.
     up : {"z", "y"}, optional
         Axis that points up in the mesh. A mesh with y up is turned, (x, y, z) to (x, -z, y), which are then its
         coordinates. By default "y" for glTF files, and "z" for all others.
@@ -174,6 +177,7 @@ def occlude(
     [0.0, 0.0, 0.0]
     """
     check_choice("frame", frame, FRAMES)
+    check_choice("axes", axes, AXES)
     check_keywords(occlude, method, options)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
@@ -190,7 +194,7 @@ def occlude(
         if density is not None:
             raise ArgumentError("density must not be given with a sensor, whose rays sample the mesh. Leave it out.")
         found = _scanned(mesh, sensor, view, n_points, rng, method, options)
-    points, normals, pose = found.positions, found.normals_towards(at), view.poses[0]
+    points, normals, pose = found.positions, found.normals_towards(at), with_axes(view.poses[0], axes)
     if frame == "camera":
         points, normals, at = points @ pose[:3, :3].T + pose[:3, 3], normals @ pose[:3, :3].T, np.zeros(3)
     return PartialCloud(points, normals, found.colors, found.face_ids, at, fraction, pose)

@@ -1,7 +1,10 @@
 """`show`: the gallery in a real browser, used as a person would; the contact sheet; Table 2."""
 
+import base64
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.browser import open_page
@@ -24,6 +27,21 @@ def test_pictures_go_where_they_are_wanted(run: Run, dataset: Path, tmp_path: Pa
     text = (tmp_path / "pictures" / "gallery.html").read_text()
     assert "src=" not in text, "one file, needs nothing else"
     assert "http" not in text
+
+
+def test_pairs_of_a_layout_are_drawn_too(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    run(f"generate {modelnet} --out out --method oracle --format epn3d --views fibonacci:6 --points 2048 --workers 1")
+    assert "gallery" in run("show out").out
+    page = (tmp_path / "out" / "gallery.html").read_text()
+    clouds = json.loads(page.partition('id="clouds">')[2].partition("</script>")[0])["classes"]
+    assert [len(row["clouds"]) for row in clouds] == [6, 6]
+    for cloud in (cloud for row in clouds for cloud in row["clouds"]):
+        codes = np.frombuffer(base64.b64decode(cloud["codes"]), np.uint8)
+        assert np.bincount(codes)[:2].tolist() == [2048, 1000], "the partial cloud, and points of the complete one"
+        places = np.frombuffer(base64.b64decode(cloud["positions"]), "<i2").reshape(-1, 3) / 32767
+        assert np.linalg.norm(places[codes < 2], axis=1).max() == pytest.approx(0.55, abs=1e-3), "fits whichever way"
+    run(f"generate {modelnet} --out whole --method oracle --format shapenet55 --points 8192 --workers 1")
+    assert "shapenet55" in run("show whole", code=1).err
 
 
 def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:

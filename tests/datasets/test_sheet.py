@@ -14,8 +14,11 @@ from zbuf_occlude.datasets import gallery
 from zbuf_occlude.datasets.gallery import PANEL, TITLE, write_contact_sheet
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.source import open_to_show
 from zbuf_occlude.geometry.camera import view_matrices
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+RECIPE = DatasetConfig(method="exact")
 
 
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
@@ -32,8 +35,10 @@ def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
 def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarray:
     """The pixels of a sheet of one cloud, (h, w, 3)."""
     cloud = cloud_of(positions)
-    plan = SimpleNamespace(classes=(name,), recipe=SimpleNamespace(frame="object"))
-    source: Any = SimpleNamespace(plan=plan, block=None, order={"train": [0]}, batches=lambda split, n: iter([cloud]))
+    plan = SimpleNamespace(classes=(name,), recipe=RECIPE)
+    source: Any = SimpleNamespace(
+        plan=plan, block=None, complete=None, order={"train": [0]}, batches=lambda split, n: iter([cloud])
+    )
     assert write_contact_sheet(path, source)
     return np.asarray(Image.open(path))
 
@@ -88,10 +93,11 @@ def test_without_pillow_there_is_no_sheet(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> None:
     clouds = {"train": cloud_of(np.eye(3), 1), "val": np.empty(0), "test": cloud_of(np.eye(3), 0)}
-    plan = SimpleNamespace(classes=("a", "b"), recipe=SimpleNamespace(frame="object"))
+    plan = SimpleNamespace(classes=("a", "b"), recipe=RECIPE)
     source: Any = SimpleNamespace(
         plan=plan,
         block=None,
+        complete=None,
         order=clouds,
         batches=lambda split, n: iter([clouds[split]] if len(clouds[split]) else []),
     )
@@ -99,13 +105,52 @@ def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> Non
     assert Image.open(tmp_path / "sheet.png").size == (2 * PANEL, 2 * (TITLE + PANEL))
 
 
-def test_what_is_hidden_stands_grey_beside_what_is_seen(tmp_path: Path) -> None:
-    """Of a packed dataset, in the fixed view; from the camera nothing of it would show."""
+def panels_of(path: Path, column: int = 0) -> list[np.ndarray]:
+    """The pictures of a column, from top to bottom, as integers."""
+    image = np.asarray(Image.open(path)).astype(int)[:, column * PANEL : (column + 1) * PANEL]
+    return [image[top + TITLE : top + TITLE + PANEL] for top in range(0, len(image), TITLE + PANEL)]
+
+
+def n_marked(panel: np.ndarray, *, pale: bool = False) -> int:
+    """The number of pixels with a mark's colour, or of the pale marks of a complete cloud."""
+    grey = np.ptp(panel, axis=-1) == 0
+    return int(np.count_nonzero(grey & (panel[..., 0] > 200) & (panel[..., 0] < 240) if pale else ~grey))
+
+
+def check_pairs(path: Path, column: int = 0) -> None:
+    """Partial, complete, the one over the other, and the partial one from its camera; none is cut off."""
+    partial, complete, both, camera = panels_of(path, column)
+    for panel in (partial, complete, both, camera):
+        assert n_marked(panel) > 300
+        assert (panel[[0, -1]] == 255).all()
+        assert (panel[:, [0, -1]] == 255).all()
+    assert [n_marked(panel, pale=True) > 300 for panel in (partial, complete, both, camera)] == [
+        False,
+        False,
+        True,
+        False,
+    ]
+    seen = np.ptp(partial, axis=-1) > 20
+    assert (np.ptp(both, axis=-1) > 20)[seen].mean() > 0.98, "the partial one is where it is alone"
+    assert ((both < 250).any(axis=-1) | ~(complete < 235).any(axis=-1)).mean() > 0.99, "over the complete one"
+
+
+def test_pairs_of_packed_are_partial_complete_and_both(tmp_path: Path) -> None:
     recipe = DatasetConfig(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
     plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "packed")
     generate(plan, tmp_path / "packed")
-    image = np.asarray(Image.open(tmp_path / "packed" / "contact_sheet.png")).astype(int)
-    grey = (np.ptp(image, axis=-1) == 0) & (image[..., 0] > 200) & (image[..., 0] < 240)
-    fixed, camera = grey[TITLE : TITLE + PANEL], grey[2 * TITLE + PANEL :]
-    assert fixed.sum() > 500
-    assert camera.sum() < fixed.sum() / 20
+    check_pairs(tmp_path / "packed" / "contact_sheet.png")
+
+
+@pytest.mark.parametrize(("frame", "axes"), [("object", "opengl"), ("camera", "opengl"), ("camera", "opencv")])
+def test_pairs_of_a_layout_are_shown_when_it_is_made_and_when_it_is_read_back(
+    frame: str, axes: str, tmp_path: Path
+) -> None:
+    recipe = DatasetConfig(
+        method="exact", views="ring:6@25", n_points=4000, sample_size=2048, scale="object", frame=frame, axes=axes
+    )
+    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "epn3d")
+    generate(plan, tmp_path / "out")
+    check_pairs(tmp_path / "out" / "contact_sheet.png")
+    assert write_contact_sheet(tmp_path / "again.png", open_to_show(tmp_path / "out"))
+    check_pairs(tmp_path / "again.png")

@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -555,3 +556,26 @@ def test_a_folder_that_cannot_be_read_is_an_entry_that_fails(
     lock(tmp_path / "another")
     with pytest.raises(MeshError, match="could not be read when meshes were searched"):
         pickle.loads(pickle.dumps(bad.load))()
+
+
+def test_splits_by_shares_follow_from_keys_and_seed_alone() -> None:
+    keys = [f"chair/{i:04d}.off" for i in range(3000)]
+    whole = entries(*((key, "chair", "train") for key in keys)).divided((0.8, 0.1, 0.1), seed=3)
+    split_of = {entry.key: entry.split for entry in whole}
+    shares = np.array([list(split_of.values()).count(split) for split in ("train", "val", "test")]) / 3000
+    assert np.abs(shares - [0.8, 0.1, 0.1]).max() < 4 * (0.8 * 0.2 / 3000) ** 0.5
+    some = entries(*((key, "chair", "train") for key in reversed(keys[::7]))).divided((0.8, 0.1, 0.1), seed=3)
+    assert all(entry.split == split_of[entry.key] for entry in some), "others move none"
+    other = entries(*((key, "chair", "train") for key in keys)).divided((0.8, 0.1, 0.1), seed=4)
+    assert [entry.split for entry in other] != list(split_of.values())
+    assert "seed 3: train 0.8, val 0.1, test 0.1" in whole.remarks[-1]
+
+
+def test_no_val_where_its_share_is_nothing() -> None:
+    found = entries(*((f"{i}", "a", "train") for i in range(200))).divided((0.5, 0, 0.5))
+    assert {entry.split for entry in found} == {"train", "test"}
+    for shares in ((0.8, 0.2), (0.8, 0.1, 0.2), (1.2, -0.1, -0.1), (float("nan"), 0, 1)):
+        with pytest.raises(OptionError, match="shares of train, val and test with the sum 1"):
+            found.divided(shares)
+    with pytest.raises(OptionError, match="for meshes without splits; these have train, test"):
+        found.divided((0.8, 0.1, 0.1))

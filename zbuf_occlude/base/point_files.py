@@ -1,4 +1,4 @@
-"""Writers of point clouds: binary PLY, PCD 0.7 as Open3D and PCL read it, CSV."""
+"""Point cloud files: binary PLY, PCD 0.7 as Open3D and PCL read it, CSV; their writers, and a reader of these PCD."""
 
 from pathlib import Path
 from typing import Any
@@ -103,3 +103,12 @@ def write_pcd_columns(
     repeated = {key: " ".join(word * len(names)) for key, word in (("sizes", "4"), ("types", "F"), ("counts", "1"))}
     header = _PCD_HEADER.format(n=len(table), names=" ".join(names), **repeated)
     atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=synced)
+
+
+def read_pcd_positions(path: Path) -> NDArray[np.float32]:
+    """Return the positions (n, 3) in a file of `write_pcd_columns`; a ValueError where it is not one."""
+    header, _, body = path.read_bytes().partition(b"DATA binary\n")
+    names = next((line.split()[1:] for line in header.splitlines() if line.startswith(b"FIELDS ")), [])
+    if names[:3] != [b"x", b"y", b"z"]:
+        raise ValueError("it must be a binary PCD that begins with x, y, z")
+    return np.frombuffer(body, "<f4").reshape(-1, len(names))[:, :3]

@@ -32,6 +32,7 @@ from zbuf_occlude.cli.shared_options import (
     sample_size,
     shard_option,
     share_of,
+    shares_of_splits,
     with_option,
 )
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
@@ -46,6 +47,7 @@ from zbuf_occlude.datasets.workers import Done, Run, Task
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors.setup import LEAST_POINTS, SURFACE, ScanConfig, span_of
+from zbuf_occlude.views.model import AXES
 from zbuf_occlude.visibility import find_method
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
@@ -131,11 +133,23 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "--frame",
     type=Name(FRAMES),
     default="object",
-    help="Axes: the object's, z up in published layouts too, or the camera's.",
+    help="Frame: the object's, z up in published layouts too, or the camera's.",
+)
+@click.option(
+    "--axes",
+    type=Name(AXES),
+    default="opengl",
+    help="Axes of --frame camera: x right, y up, looking along -z; opencv: y down, along z.",
 )
 @with_option("Attributes of the points: normals towards the camera, base colours; boxes: of whole LiDAR scans.")
 @frame_options
 @choice_options
+@click.option(
+    "--split",
+    type=shares_of_splits,
+    metavar="TRAIN,VAL,TEST",
+    help="Shares of splits drawn by key and seed, such as 0.8,0.1,0.1; for meshes without splits.",
+)
 @engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, callback=finite, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, callback=finite, help=LIMIT)
@@ -237,6 +251,7 @@ def generate_command(
         choose=lambda meshes: choose(row.select(meshes)),
         shapes=shapes,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
+        divide=None if recipe["split"] is None else lambda meshes: meshes.divided(recipe["split"], recipe["seed"]),
         **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )
     read_as = taken_as(collection, up, unit, lengths_of(setup, unit))

@@ -290,6 +290,14 @@ def words(text: str) -> list[str]:
     return found
 
 
+def shares_of_splits(text: str) -> list[float]:
+    """Parse numbers separated by commas."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"it must be three numbers, such as 0.8,0.1,0.1; got {text!r}.") from None
+
+
 def with_option(help: str) -> Decorator:
     """Return the option --with (`attributes`): columns of points besides their positions."""
     return click.option(
@@ -337,8 +345,11 @@ def collect(
     splits: list[str] | None = None,
     shapes: str = BUILT_IN[0].name,
     colors: bool = False,
+    divide: Callable[[MeshCollection], MeshCollection] | None = None,
 ) -> MeshCollection:
     """Return the meshes of `paths`, or the built-in `shapes`; selected, ordered, at most `limit` of them.
+
+    `divide` gives them splits, from which `splits` are selected.
 
     Files in `out` are left out: they may be clouds (PLY) of an earlier run in a folder among the meshes.
     """
@@ -353,7 +364,10 @@ def collect(
     else:
         meshes = find_row("shapes", shapes, BUILT_IN).collection()
         meshes = meshes if labels is None else meshes.labelled(labels)
-    meshes = choose(meshes.select(classes=classes, splits=splits))
+    if divide is None:
+        meshes = choose(meshes.select(classes=classes, splits=splits))
+    else:  # ordered before they have splits, so that the first of them have the same shares
+        meshes = divide(choose(meshes.select(classes=classes))).select(splits=splits)
     return meshes if limit is None else meshes.limit(limit)
 
 

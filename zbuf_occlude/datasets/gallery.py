@@ -1,7 +1,7 @@
 """Pictures of a dataset: the contact sheet (Figs. 10-11), and the gallery, a page where clouds are turned by hand.
 
-The contact sheet shows some clouds from a fixed viewpoint and from their own camera's. The gallery is one
-self-contained HTML page, classes x views.
+The contact sheet shows some clouds from a fixed viewpoint and from their own camera's; of pairs also the complete
+clouds, and both over each other. The gallery is one self-contained HTML page, classes x views.
 """
 
 import html
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import escape_control
+from zbuf_occlude.datasets.plan import DatasetConfig
 from zbuf_occlude.datasets.records import Records
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
@@ -46,7 +47,12 @@ A_POINT = 110 / 72
 BLACK, GREY, GHOST = (0, 0, 0), (90, 90, 90), (222, 222, 222)
 GHOST_POINTS = 1000
 """Maximum number of hidden points drawn."""
+COMPLETE_POINTS = 2048
+"""Number of points drawn of a complete cloud."""
 
+RADIUS = 0.55
+"""Distance of the farthest point from a cloud's centre, in the viewer's units: whichever way it is turned, a tile shows
+it whole."""
 VIEWS, POINTS = 6, 2048
 """Clouds of each class in the gallery, and at most this many points of each."""
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
@@ -65,37 +71,43 @@ COLOURS = (
 def write_contact_sheet(path: Path, source: CloudReader) -> bool:
     """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
 
-    Where all points of the objects are kept, hidden points are drawn pale behind. Return whether the sheet was drawn:
-    without Pillow (extra `report`) there is none.
+    A column is a cloud: from the fixed viewpoint; where there are complete clouds the complete one, and the partial one
+    over it, pale; from its camera. Return whether the sheet was drawn: without Pillow (extra `report`) there is none.
     """
     if find_spec("PIL") is None:
         return False
     from PIL import Image, ImageDraw  # late: Pillow is an extra
 
-    classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
     clouds = _clouds_of_all_classes(source)
     labels = clouds["label"][:, 0]
-    shown = _telling(labels, clouds["pose"])
-    picture = Image.new("RGB", (len(shown) * PANEL, 2 * (TITLE + PANEL)), "white")
-    for column, index in enumerate(shown):
-        positions, camera, up, ghost = upright(clouds[index], in_camera_frame, hidden_part(clouds[index], source))
-        values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
-        for row, (eye, above, behind) in enumerate(((FIXED, None, ghost), (camera, up, ghost[:0]))):
-            panel = _drawn(positions, eye, above, values, behind)
+    columns = [_panels(clouds[index], source) for index in _telling(labels, _towards(clouds, source))]
+    picture = Image.new("RGB", (len(columns) * PANEL, len(columns[0]) * (TITLE + PANEL)), "white")
+    draw = ImageDraw.Draw(picture)
+    for column, panels in enumerate(columns):
+        for row, (title, panel) in enumerate(panels):
             finer = Image.frombuffer("RGBX", panel.shape, panel, "raw", "RGBX", 0, 1)
             picture.paste(finer.reduce(FINER).convert("RGB"), (column * PANEL, _top(row)))
-    draw = ImageDraw.Draw(picture)
-    for column, index in enumerate(shown):
-        azimuth, elevation = np.degrees(clouds[index]["view"][:2])
-        lines = (
-            (classes[labels[index]], 15, BLACK),
-            (f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°", 12, GREY),
-        )
-        for row, (line, size, colour) in enumerate(lines):
-            text, font = _written(line, size)
-            draw.text(((column + 0.5) * PANEL, _top(row) - TITLE / 2), text, colour, font, anchor="mm")
+            text, font = _written(title, 12 if row else 15)
+            place = ((column + 0.5) * PANEL, _top(row) - TITLE / 2)
+            draw.text(place, text, GREY if row else BLACK, font, anchor="mm")
     atomic.write(path, lambda file: picture.save(file, format="PNG"))
     return True
+
+
+def _panels(record: Any, source: CloudReader) -> list[tuple[str, NDArray[np.uint32]]]:
+    """Return the titles and pictures of a cloud, from top to bottom."""
+    whole = _complete_cloud(record, source)
+    positions, camera, up, whole = upright(record, source.plan.recipe, whole)
+    values = record["color"] / 255.0 if "color" in record.dtype.names else None
+    name, (azimuth, elevation) = source.plan.classes[record["label"][0]], np.degrees(record["view"][:2])
+    none, all_points = positions[:0], np.concatenate([positions, whole])
+    panels = [(name, _drawn(positions, FIXED, None, values, none, all_points))]
+    if len(whole):
+        panels[0] = (f"{name}: partial", panels[0][1])
+        panels.append(("complete", _drawn(whole, FIXED, None, None, none, all_points)))
+        panels.append(("partial over complete", _drawn(positions, FIXED, None, values, whole, all_points)))
+    title = f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°"
+    return [*panels, (title, _drawn(positions, camera, up, values, none, positions))]
 
 
 def _clouds_of_all_classes(source: CloudReader) -> Records:
@@ -114,17 +126,26 @@ def _top(row: int) -> int:
 
 
 def _drawn(
-    positions: FloatArray, eye: FloatArray, up: FloatArray | None, values: FloatArray | None, ghost: FloatArray
+    positions: FloatArray,
+    eye: FloatArray,
+    up: FloatArray | None,
+    values: FloatArray | None,
+    ghost: FloatArray,
+    framed: FloatArray,
 ) -> NDArray[np.uint32]:
-    """Return the picture of a cloud, RGBA, `FINER` times as fine as it will be."""
+    """Return the picture of a cloud over a pale one, RGBA, `FINER` times as fine as it will be.
+
+    The points `framed` fit into it.
+    """
     panel = np.full((PANEL * FINER, PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
     behind, _ = marks_of(ghost, eye=eye, target=np.zeros(3), up=up)
-    middle, half = picture_frame(np.concatenate([places, behind]), None)
+    middle, half = picture_frame(marks_of(framed, eye=eye, target=np.zeros(3), up=up)[0], None)
     half *= MARGIN
-    diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
     for some, tints in ((behind, np.broadcast_to(np.array(GHOST) / 255.0, (len(behind), 3))), (places, colours)):
-        paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
+        if len(some):
+            diameter = np.sqrt(area_of_mark(some, half, PANEL / A_POINT)) * A_POINT * FINER
+            paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
     return panel
 
 
@@ -146,9 +167,16 @@ def _written(text: str, size: int) -> tuple[str, Any]:
     return text, font if fits >= 1.0 else font.font_variant(size=max(6, int(size * fits)))
 
 
-def _telling(labels: NDArray[Any], poses: FloatArray) -> list[int]:
-    """Choose a cloud of each class whose camera stands far round from the fixed viewpoint, not too high or low."""
-    towards = poses[:, 2, :3]  # the third row of a view matrix points from the target to the eye
+def _towards(records: Records, source: CloudReader) -> FloatArray:
+    """Return the directions (n, 3) from the targets of cameras to their eyes: the third rows of their poses."""
+    return np.asarray(records["pose"][:, 2, :3] * _sign(source.plan.recipe))
+
+
+def _telling(labels: NDArray[Any], towards: FloatArray) -> list[int]:
+    """Choose a cloud of each class whose camera stands far round from the fixed viewpoint, not too high or low.
+
+    `towards` (n, 3) are the directions to the cameras.
+    """
     angle = np.arccos(np.clip(towards @ (FIXED / np.linalg.norm(FIXED)), -1, 1))
     awkward = np.abs(angle - TELLING_ANGLE) + np.maximum(0, np.abs(np.arcsin(np.clip(towards[:, 2], -1, 1))) - 0.8)
     present = np.unique(labels)
@@ -156,27 +184,49 @@ def _telling(labels: NDArray[Any], poses: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def hidden_part(record: Any, source: CloudReader) -> FloatArray:
-    """Return points (m, 3) of a cloud's object that its camera does not see, world space; none where none are kept."""
-    if source.block is None or source.plan.recipe.setup is not None:
+def _complete_cloud(record: Any, source: CloudReader) -> FloatArray:
+    """Return points (m, 3) of the complete cloud of a cloud's object, in its axes; none where none is kept."""
+    if source.complete is None or source.plan.recipe.complete:
         return np.empty((0, 3))
+    return _in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.recipe)
+
+
+def hidden_part(record: Any, source: CloudReader) -> FloatArray:
+    """Return points (m, 3) of a cloud's object that its camera does not see, in the object's axes.
+
+    Where it is not kept which points are hidden, they are those of the complete cloud, or none.
+    """
+    if source.block is None or source.plan.recipe.setup is not None:
+        return _complete_cloud(record, source)[:GHOST_POINTS]
     block = source.block(int(record["mesh_id"]), int(record["variation"]))
     hidden = np.flatnonzero(~block.mask[int(record["view_id"])])
     return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
 
 
+def _in_object_axes(record: Any, pose: FloatArray, recipe: DatasetConfig) -> FloatArray:
+    """Return the points (n, 3) of a record, seen with a `pose`, in the object's axes and unit."""
+    positions = record["data"] / record["factor"] + record["centre"]
+    return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if recipe.frame == "camera" else positions)
+
+
 def upright(
-    cloud: Any, in_camera_frame: bool, hidden: FloatArray
+    cloud: Any, recipe: DatasetConfig, others: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return a cloud in the object's axes, centred, longest side 1; camera position and up, and `hidden`, there."""
-    pose, positions = cloud["pose"], cloud["data"] / cloud["factor"] + cloud["centre"]
-    rotation, translation = pose[:3, :3], pose[:3, 3]
-    if in_camera_frame:
-        positions = (positions - translation) @ rotation
-    low, high = positions.min(axis=0), positions.max(axis=0)
+    """Return a cloud, its camera's position and up, and `others`: in the object's axes, centred, longest side 1.
+
+    Centre and longest side are those of all points together.
+    """
+    pose, positions = cloud["pose"], _in_object_axes(cloud, cloud["pose"], recipe)
+    together = np.concatenate([positions, others])
+    low, high = together.min(axis=0), together.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
-    eye = -rotation.T @ translation
-    return (positions - centre) / longest, (eye - centre) / longest, rotation[1], (hidden - centre) / longest
+    eye, up = -pose[:3, :3].T @ pose[:3, 3], pose[1, :3] * _sign(recipe)
+    return (positions - centre) / longest, (eye - centre) / longest, up, (others - centre) / longest
+
+
+def _sign(recipe: DatasetConfig) -> float:
+    """Return 1 where poses have OpenGL's y and z, -1 where they have OpenCV's."""
+    return 1.0 if recipe.axes == "opengl" else -1.0
 
 
 def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], folder: Path) -> None:
@@ -185,7 +235,8 @@ def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], fol
     considered = np.concatenate([next(source.batches(split, CONSIDERED)) for split in source.order])
     rows = []
     for label in np.unique(considered["label"]):
-        chosen = _far_apart(considered[considered["label"][:, 0] == label])
+        of_class = considered[considered["label"][:, 0] == label]
+        chosen = _far_apart(of_class, _towards(of_class, source))
         clouds = [_packed(record, source, COLOURS[int(label) % len(COLOURS)]) for record in chosen]
         rows.append({"name": classes[label], "clouds": clouds})
     counts, error = manifest["counts"], manifest["error"]
@@ -212,11 +263,11 @@ def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], fol
     atomic.write(path, lambda file: file.write(page.encode()))
 
 
-def _far_apart(records: Records) -> Records:
+def _far_apart(records: Records, towards: FloatArray) -> Records:
     """Choose clouds of the object of a class that has the most here, from directions far apart, highest first."""
     meshes, counts = np.unique(records["mesh_id"], return_counts=True)
-    own = records[records["mesh_id"] == meshes[counts.argmax()]]
-    towards = own["pose"][:, 2, :3]  # the third row of a view matrix points from the target to the eye
+    mine = records["mesh_id"] == meshes[counts.argmax()]
+    own, towards = records[mine], towards[mine]
     chosen = [int(np.abs(towards[:, 2] - 0.5).argmin())]
     distance: FloatArray = np.full(len(own), np.inf)
     while len(chosen) < min(VIEWS, len(own)):
@@ -227,12 +278,13 @@ def _far_apart(records: Records) -> Records:
 
 
 def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> dict[str, Any]:
-    in_camera_frame = source.plan.recipe.frame == "camera"
-    positions, eye, _, ghost = upright(record, in_camera_frame, hidden_part(record, source))
+    recipe = source.plan.recipe
+    positions, eye, _, ghost = upright(record, recipe, hidden_part(record, source))
     positions, normals = positions[:POINTS], None
-    line = np.linspace(0.4, 0.56, 24)[:, None] * (eye / max(float(np.linalg.norm(eye)), 1e-9))  # towards the camera
-    if "normals" in source.plan.recipe.attributes:
-        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if in_camera_frame else np.eye(3))
+    farthest = float(np.linalg.norm(np.concatenate([positions, ghost]), axis=1).max()) or 1.0
+    line = np.linspace(0.72, 1.0, 24)[:, None] * farthest * (eye / max(float(np.linalg.norm(eye)), 1e-9))
+    if "normals" in recipe.attributes and "normal" in record.dtype.names:
+        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if recipe.frame == "camera" else np.eye(3))
         normals = np.concatenate([normals, np.zeros((len(ghost) + len(line), 3))])
     codes = np.repeat([0, 1, 2], [len(positions), len(ghost), len(line)])
     azimuth, elevation = np.degrees(record["view"][:2])
@@ -240,7 +292,7 @@ def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> d
         **pack_cloud(
             np.concatenate([positions, ghost, line]),
             centre=np.zeros(3),
-            longest=1.0,
+            longest=farthest / RADIUS,
             palette=[colour, GHOST, BLACK],
             codes=codes,
             normals=normals,

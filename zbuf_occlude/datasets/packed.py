@@ -348,12 +348,19 @@ class PackedFiles:
             records[rows] = found
         return records
 
-    def complete(self, mesh_id: int, n_points: int) -> Any:
-        """Return a record of `n_points` of an object's whole surface, hidden points too, of its first variation."""
+    def complete(self, partial: Any, n_points: int) -> Any:
+        """Return a record of `n_points` of the whole surface of a record's object, of its first variation.
+
+        In the camera's frame it is that of the record; else all clouds of an object have one.
+        """
         recipe = replace(self.plan.recipe, sample_size=n_points, complete=True)
+        mesh_id, view = int(partial["mesh_id"]), 0
         entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
-        key, everything = entry.key + "/complete", _everything(block)
-        (record,) = gather_clouds(block.whole, everything, block.views, recipe, key, 0, which=[0])
+        key, everything, views = entry.key + "/complete", _everything(block), block.views
+        if recipe.frame == "camera":
+            view = int(partial["view_id"])
+            views = self.block(self.blocks.index((mesh_id, int(partial["variation"])))).views
+        (record,) = gather_clouds(block.whole, everything, views, recipe, key, 0, which=[view])
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import MeshError, OptionError, UnavailableError, check_choice
 from zbuf_occlude.base.extras import missing
 from zbuf_occlude.base.provenance import seed_of
@@ -30,6 +31,7 @@ from zbuf_occlude.sensors.scenes.contents import Pool, surroundings
 from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_random
 from zbuf_occlude.views import parse as parse_views
+from zbuf_occlude.views.model import AXES, with_axes
 
 Numbers = NDArray[np.intp]
 
@@ -122,7 +124,10 @@ class DatasetConfig:
         coordinates.
     frame : str
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
-        layout; "camera": eye space (x right, y up, the camera looks along -z).
+        layout; "camera": the camera's frame, its axes by `axes`.
+    axes : str
+        Of the camera's frame: "opengl" (x right, y up, the camera looks along -z) or "opencv" (x right, y down, it
+        looks along z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
         Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
@@ -131,6 +136,9 @@ class DatasetConfig:
         and no sensor scans: with `scanning` the whole object stands before the sensor, in metres.
     scanning : mapping or None
         The fields of a `zbuf_occlude.sensors.setup.ScanConfig`: a sensor's first hits instead of points on the surface.
+    split : (float, float, float) or None
+        Statement of the shares by which the meshes were divided into train, val and test (`MeshCollection.divided`);
+        None: they have the collection's own splits.
     overlap : (float, float) or None
         Of two views, for the format pairs: the share of what the one sees that the other sees too, from and to.
     seed : int
@@ -156,9 +164,11 @@ class DatasetConfig:
     subset: str = "random"
     scale: str = "cloud"
     frame: str = "object"
+    axes: str = "opengl"
     attributes: Sequence[str] = ()
     complete: bool = False
     scanning: Mapping[str, Any] | None = None
+    split: Sequence[float] | None = None
     overlap: Sequence[float] | None = None
     seed: int = 0
 
@@ -179,6 +189,9 @@ class DatasetConfig:
                 raise OptionError(f"{name} must be at most {most:,}; got {value}.")
         check_choice("scale", self.scale, SCALES)
         check_choice("frame", self.frame, FRAMES)
+        check_choice("axes", self.axes, AXES)
+        if self.axes != "opengl" and self.frame != "camera":
+            raise OptionError(f"axes {self.axes} must be of the camera's frame; got --frame {self.frame}. Give camera.")
         check_choice("subset", self.subset, SUBSETS)
         if self.subset == "fps" and self.sample_size is None:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
@@ -207,6 +220,10 @@ class DatasetConfig:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""
         seed = seed_of(self.seed, key + "/views")
         return parse_views(self.views, distance=self.distance, seed=seed, farthest=self.farthest)
+
+    def poses_of(self, views: Views) -> FloatArray:
+        """Return the matrices (k, 4, 4) from world space to the cameras' frames, with its axes."""
+        return with_axes(views.poses, self.axes)
 
     @property
     def equal_size(self) -> int:

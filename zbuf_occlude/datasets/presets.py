@@ -77,7 +77,14 @@ PRESETS: tuple[Preset, ...] = (
         "pcn",
         "PCN's layout: 8 random poses at distance 1, its camera, 16,384 complete points",
         30_974,
-        {"views": "random-so3:8", "distance": "1", "format": "pcn", "sensor": "pcn", "size": "1"},
+        {
+            "views": "random-so3:8",
+            "distance": "1",
+            "format": "pcn",
+            "sensor": "pcn",
+            "size": "1",
+            "sample_size": "all",
+        },
     ),
     Preset(
         "mvp",

@@ -61,7 +61,7 @@ def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
     face_ids : (sample_size,) int32, the face each point lies on
     mesh_id, variation, view_id : int32
     view : (3,) float32, azimuth and elevation in radians, distance in world units
-    pose : (4, 4) float64, view matrix: world space to eye space
+    pose : (4, 4) float64, world space to the camera's frame, with the axes of the recipe
     centre : (3,) float64; factor : float64
     n_visible : int32, visible points before the subset was drawn
     visible_fraction : float32, of the object's points; of a scan what others do not hide of the object
@@ -161,7 +161,7 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    poses, in_camera_frame, upright = views.poses, recipe.frame == "camera", np.eye(4)
+    poses, in_camera_frame, upright = recipe.poses_of(views), recipe.frame == "camera", np.eye(4)
     in_scans = isinstance(points, ScanPoints) and not recipe.complete
     whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
     centred, factor = recipe.scale in ("cloud", "metres"), np.nan if recipe.scale == "cloud" else factor
@@ -186,7 +186,7 @@ def gather_clouds(
         if in_scans:
             _fill_scan(records[row], points, chosen, recipe, view, poses[view] if in_camera_frame else None)
         elif recipe.attributes:
-            _fill_attributes(records[row], points.select(chosen), recipe, views, view)
+            _fill_attributes(records[row], points.select(chosen), recipe, views.eyes[view], poses[view])
     records["centre"], records["factor"], records["n_visible"] = centres, factors, n_visible
     records["visible_fraction"] = 1.0 - records["hidden"] if in_scans else n_visible / len(points)
     return records
@@ -199,10 +199,12 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
     return unit_box_transform(points.positions)
 
 
-def _fill_attributes(record: Any, points: SurfacePoints, recipe: DatasetConfig, views: Views, view: int) -> None:
+def _fill_attributes(
+    record: Any, points: SurfacePoints, recipe: DatasetConfig, eye: FloatArray, pose: FloatArray
+) -> None:
     if "normals" in recipe.attributes:
-        normals = points.normals if recipe.complete else points.normals_towards(views.eyes[view])
-        turned = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
+        normals = points.normals if recipe.complete else points.normals_towards(eye)
+        turned = normals @ pose[:3, :3].T if recipe.frame == "camera" else normals
         record["normal"] = turned.astype(np.float32)
     if "colors" in recipe.attributes:
         record["color"] = colors_of(points)

@@ -45,9 +45,9 @@ class CloudReader:
     """Returns the records (`record_type`) of some numbers, in the order of the numbers."""
     blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
     """Returns for each number the block whose clouds are quickly read together; None where neighbours are."""
-    complete: Callable[[int, int], Any] | None = None
-    """Returns a record of an object's whole surface, from its mesh's index and a number of points; None where only the
-    points drawn are kept."""
+    complete: Callable[[Any, int], Any] | None = None
+    """Returns a record of the whole surface of a record's object, in the frame of that record, from it and a number of
+    points; None where only the points drawn are kept."""
     block: Callable[[int, int], StoredSampling] | None = None
     """Returns a sampling, from its mesh's index and variation; where `complete` is."""
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
@@ -103,11 +103,27 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
     row = find_format(plan.format)
     assert redrawn is None or row.whole_objects  # no other has the points to draw from
     if row.exported_from:
-        raise DatasetError(
-            f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
-            f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
-        )
-    source: CloudReader = row.load().read(folder, redrawn or plan, manifest["files"])
+        raise _not_read_back(folder, plan)
+    return _read(folder, redrawn or plan, manifest)
+
+
+def open_to_show(folder: Path) -> CloudReader:
+    """Return the clouds of a complete dataset as `open_dataset`, or those of a layout of completion, z up again."""
+    plan, manifest = read_finished(folder)
+    if getattr(find_format(plan.format).load(), "read", None) is None:
+        raise _not_read_back(folder, plan)
+    return _read(folder, plan, manifest)
+
+
+def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
+    return DatasetError(
+        f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
+        f"Make the {find_format(plan.format).exported_from} dataset, and its export by `zbuf-occlude convert`."
+    )
+
+
+def _read(folder: Path, plan: Plan, manifest: Mapping[str, Any]) -> CloudReader:
+    source: CloudReader = find_format(plan.format).load().read(folder, plan, manifest["files"])
     if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
         raise DatasetError(
             f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"

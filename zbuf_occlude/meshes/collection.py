@@ -14,7 +14,7 @@ import numpy as np
 
 from zbuf_occlude.base.arrays import as_flag
 from zbuf_occlude.base.errors import ArgumentError, MeshError, OptionError, check_choice, escape_control
-from zbuf_occlude.base.provenance import UNKNOWN, MeshSource
+from zbuf_occlude.base.provenance import UNKNOWN, MeshSource, seed_of
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
@@ -251,6 +251,31 @@ class MeshCollection(Sequence[MeshEntry]):
             for name in sorted(chosen[what]):
                 check_choice(what, name, known)
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
+
+    def divided(self, shares: Sequence[float], seed: int = 0) -> "MeshCollection":
+        """Return the entries with splits drawn at random: `shares` of train, val and test.
+
+        The split of an entry follows from its key and the seed alone, so further entries move none. It is drawn for
+        each entry by itself: of n entries the shares are met to about 1 / sqrt(n).
+
+        Raises
+        ------
+        OptionError
+            `shares` are not three numbers from 0 on with the sum 1, or the entries have splits already.
+        """
+        given = [float(share) for share in shares]
+        if len(given) != len(SPLITS) or not (min(given) >= 0.0 and abs(sum(given) - 1.0) < 1e-6):
+            shown = ",".join(f"{share:g}" for share in given)
+            raise OptionError(f"--split must be shares of train, val and test with the sum 1; got {shown}.")
+        if (splits := {entry.split for entry in self}) - {"train"}:  # where there are none, all are of train
+            present = ", ".join(split for split in SPLITS if split in splits)
+            raise OptionError(f"--split is for meshes without splits; these have {present}. Leave it out.")
+        ends = np.cumsum(given)[:-1]
+        places = (seed_of(seed, entry.key + "/split").generate_state(1)[0] / 2**32 for entry in self)
+        chosen = (SPLITS[int(np.searchsorted(ends, place, side="right"))] for place in places)
+        said = ", ".join(f"{split} {share:g}" for split, share in zip(SPLITS, given, strict=True))
+        entries = (replace(entry, split=split) for entry, split in zip(self, chosen, strict=True))
+        return MeshCollection(entries, (*self.remarks, f"splits drawn by key, seed {seed}: {said}"))
 
     def limit(self, n: int) -> "MeshCollection":
         """Return the first `n` entries, or all if there are fewer; raise OptionError for `n` below 1."""

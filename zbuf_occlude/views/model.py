@@ -26,6 +26,13 @@ ROTATION_TOLERANCE = 1e-3
 """Largest error of the products of a rotation matrix's rows: files have few digits."""
 PAPER_DISTANCE = 4.0
 """Distance of the camera in units of the object's longest side (paper 4.1)."""
+AXES = ("opengl", "opencv")
+"""Axes of a camera's frame: x right, y up, looking along -z; or x right, y down, looking along z."""
+
+
+def with_axes(poses: FloatArray, axes: str) -> FloatArray:
+    """Return view matrices (..., 4, 4) with these `AXES` of the camera's frame."""
+    return np.diag([1.0, -1.0, -1.0, 1.0]) @ poses if axes == "opencv" else poses
 
 
 @dataclass(frozen=True, eq=False)

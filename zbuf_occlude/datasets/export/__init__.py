@@ -1,9 +1,9 @@
 """Exports: the layouts that published loaders read, made from a dataset, and conversion to another format.
 
 A layout is exported from the clouds of a dataset by one function. `generate --format pcn` makes the files of its shards
-in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums, but it is
-not read back. For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view, pose, face ids, ...), a
-row per cloud in the layout's order.
+in ``shards/``, exports them, and removes them. An export is for its loaders: `verify` compares its checksums. Only
+layouts of completion are read back, to be looked at. For each split ``clouds_SPLIT.npy`` has what a record holds
+besides points (view, pose, face ids, ...), a row per cloud in the layout's order.
 """
 
 import math
@@ -146,7 +146,8 @@ def finish_folder(
 def frame_in_words(plan: Plan) -> dict[str, Any]:
     """Return the axes of the clouds in the files, in those of the mesh with z up or of the camera, and the one up."""
     if plan.recipe.frame == "camera":
-        return {"axes": ["right", "up", "backwards"], "up": None}
+        y_and_z = ("up", "backwards") if plan.recipe.axes == "opengl" else ("down", "forward")
+        return {"axes": ["right", *y_and_z], "up": None}
     axes = find_format(plan.format).axes_in(plan.recipe.frame)
     return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
 
@@ -164,11 +165,10 @@ def as_theirs(source: CloudReader, plan: Plan) -> CloudReader:
 
     def turned(records: Records) -> Records:
         records["label"] = label_of[records["mesh_id"]][..., None]
-        if not records.dtype["data"].hasobject:  # layouts that hold clouds of unequal size turn nothing
-            records["data"] = records["data"] @ axes
-            records["factor"] *= longest_side
-            if "normal" in (records.dtype.names or ()):
-                records["normal"] = records["normal"] @ (axes / longest_side)
+        records["factor"] *= longest_side
+        for name, matrix in (("data", axes), ("normal", axes / longest_side)):
+            if name in (records.dtype.names or ()):
+                _turn(records[name], matrix)
         return records
 
     whole = source.complete
@@ -178,8 +178,17 @@ def as_theirs(source: CloudReader, plan: Plan) -> CloudReader:
         order=order,
         sizes=source.sizes if order is source.order else {},
         take=lambda numbers: turned(np.array(source.take(numbers))),
-        complete=None if whole is None else lambda mesh_id, n_points: turned(np.array(whole(mesh_id, n_points))),
+        complete=None if whole is None else lambda partial, n_points: turned(np.array(whole(partial, n_points))),
     )
+
+
+def _turn(vectors: NDArray[Any], matrix: NDArray[np.float32]) -> None:
+    """Multiply the rows of clouds (k, n, 3), or of k clouds of unequal size, by a matrix in place."""
+    if not vectors.dtype.hasobject:
+        vectors[...] = vectors @ matrix
+        return
+    for number, cloud in enumerate([] if np.array_equal(matrix, np.eye(3)) else vectors):
+        vectors[number] = cloud @ matrix
 
 
 def convert(
@@ -288,6 +297,7 @@ class Layout(NamedTuple):
 
     export: Callable[[CloudReader, Path], Exported]
     check: Callable[[Plan], None] = lambda plan: None
+    read: Callable[[Path, Plan, Mapping[str, list[str]]], CloudReader] | None = None  # to look at
 
 
 class Names(NamedTuple):
@@ -341,12 +351,12 @@ def check_as_they_are(plan: Plan) -> None:
             )
 
 
-def check_one_frame(plan: Plan) -> None:
-    """Raise OptionError unless all clouds of an object lie in one frame."""
-    if plan.recipe.scale in ("cloud", "metres") or plan.recipe.frame == "camera":
+def check_one_frame(plan: Plan, *, of_object: bool = True) -> None:
+    """Raise OptionError unless all clouds of an object, or else the two of each view, lie in one frame."""
+    if plan.recipe.scale in ("cloud", "metres") or (of_object and plan.recipe.frame == "camera"):
         raise OptionError(
             f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.recipe.scale} --frame "
-            f"{plan.recipe.frame}. Give --scale object --frame object."
+            f"{plan.recipe.frame}. Give --scale object{' --frame object' if of_object else ''}."
         )
 
 
@@ -398,13 +408,17 @@ class Rows:
 
 
 class CloudFields:
-    """The file ``clouds_SPLIT.npy``: the fields of records besides their points, row by row."""
+    """The file ``clouds_SPLIT.npy``: the fields of records besides their points, row by row.
+
+    Of clouds of unequal size it has the fields that have one row per cloud.
+    """
 
     def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
         self.name = f"clouds_{split}.npy"
         whole = record_type(plan.recipe)
-        self._kind = np.dtype([(name, whole[name]) for name in whole.names or () if name != "data"])
-        self._rows = Rows(folder / self.name, self._kind, (n_rows,)) if n_rows and not self._kind.hasobject else None
+        fields = [(name, whole[name]) for name in whole.names or () if name != "data" and not whole[name].hasobject]
+        self._kind = np.dtype(fields)
+        self._rows = Rows(folder / self.name, self._kind, (n_rows,)) if n_rows else None
 
     def write(self, rows: slice | Numbers, records: Records) -> None:
         """Write the rows of some records."""

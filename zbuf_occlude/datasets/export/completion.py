@@ -20,6 +20,7 @@ from zbuf_occlude.datasets.export import (
     names_of,
     whole_objects,
 )
+from zbuf_occlude.datasets.export.pairs_reader import read_files_of_pairs, read_mvp
 from zbuf_occlude.datasets.formats.hdf5 import new_h5
 from zbuf_occlude.datasets.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.datasets.source import CloudReader
@@ -73,7 +74,7 @@ def export_completion3d(source: CloudReader, out: Path) -> Exported:
 def export_epn3d(source: CloudReader, out: Path) -> Exported:
     """Write EPN3D's layout, as the loaders of P2C read 3D-EPN's objects: pairs of 2,048 points, an array each.
 
-    CLASS/complete/OBJECT.npy          (2048, 3) float32
+    CLASS/complete/OBJECT.npy          (2048, 3) float32; in the camera's frame OBJECT__0__.npy ..., one per view
     CLASS/partial/OBJECT__0__.npy ...  one per view
     EPN3D.json                         taxonomy_id, taxonomy_name; of train, val, test the names of partial and complete
                                        clouds, as many of each
@@ -83,16 +84,19 @@ def export_epn3d(source: CloudReader, out: Path) -> Exported:
     CuiRuikai/Partial2Complete, datasets/EPNDataset.py, EPN3D.
     """
     names, n_views = names_of(source.plan), len(source.plan.views)
-    complete, of_view = "{label}/complete/{name}.npy", "{label}/partial/{name}__{view}__.npy"
-    exported, mesh_ids = _export_pairs(source, out, names, 2_048, complete, of_view)
+    whole, of_view = "{name}", "{name}__{view}__"
+    if source.plan.recipe.frame == "camera":
+        whole = of_view
+    files = f"{{label}}/complete/{whole}.npy", f"{{label}}/partial/{of_view}.npy"
+    exported, mesh_ids = _export_pairs(source, out, names, 2_048, *files)
     index: dict[str, dict[str, Any]] = {}
     for split, of_split in mesh_ids.items():
         for i in of_split:
             row: dict[str, Any] = {"taxonomy_id": names.taxonomies[i], "taxonomy_name": names.classes[i]}
             row |= {each: {"partial": [], "complete": []} for each in SPLITS}
             row = index.setdefault(names.classes[i], row)[split]
-            row["partial"] += [f"{names.objects[i]}__{view}__" for view in range(n_views)]
-            row["complete"] += [names.objects[i]] * n_views
+            row["partial"] += [names.fill(of_view, i, view=view) for view in range(n_views)]
+            row["complete"] += [names.fill(whole, i, view=view) for view in range(n_views)]
     atomic.write_json(out / "EPN3D.json", [index[name] for name in sorted(index)])
     return exported
 
@@ -162,7 +166,7 @@ def export_mvp(source: CloudReader, out: Path) -> Exported:
             for row, of_object in enumerate(numbers):
                 records, rows = source.take(of_object), slice(row * MVP_VIEWS, (row + 1) * MVP_VIEWS)
                 partials[rows], labels[rows] = records["data"], records["label"][:, 0]
-                complete[row] = source.complete(int(records["mesh_id"][0]), size)["data"]
+                complete[row] = source.complete(records[0], size)["data"]
                 rest.write(rows, records)
         older = [f"mvp_{split}_input.h5", f"mvp_{split}_gt_{size}pts.h5"]
         _link(out / older[0], name, ("incomplete_pcds", "labels"))
@@ -197,15 +201,14 @@ def _export_pairs(
             mesh_id = int(records["mesh_id"][0])
             mesh_ids[split].append(mesh_id)
             fields = [name for name in records.dtype.names or () if name != "normal" or with_normals]
-            pairs = [
-                (complete, source.complete(mesh_id, n_complete)),
-                *((of_view, record) for record in records[fields]),
-            ]
-            for pattern, record in pairs:
-                name = names.fill(pattern, mesh_id, split=split, view=int(record["view_id"]))
-                (out / name).parent.mkdir(parents=True, exist_ok=True)
-                _WRITERS[Path(name).suffix](out / name, record)
-                files[split].append(name)
+            one_frame = source.plan.recipe.frame != "camera"  # else each view has a complete cloud of its own
+            for sharing in [records] if one_frame else np.split(records, len(records)):
+                whole = source.complete(sharing[0], n_complete)
+                for pattern, record in [(complete, whole), *((of_view, each) for each in sharing[fields])]:
+                    name = names.fill(pattern, mesh_id, split=split, view=int(record["view_id"]))
+                    (out / name).parent.mkdir(parents=True, exist_ok=True)
+                    _WRITERS[Path(name).suffix](out / name, record)
+                    files[split].append(name)
         files[split].append(rest.name)
         n_clouds[split] = numbers.size
     return Exported(files, n_clouds, left_out=incomplete(source)), mesh_ids
@@ -250,10 +253,13 @@ def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
             h5.create_dataset(f"novel_{name}", shape, kind, track_times=False)
 
 
-def _check(plan: Plan, n_complete: int, n_views: int | None = None, size: int | None = None) -> None:
+def _check(
+    plan: Plan, n_complete: int, n_views: int | None = None, size: int | None = None, *, own_complete: bool = False
+) -> None:
     """Raise OptionError unless a plan makes pairs of partial and complete clouds as a layout's loaders expect them.
 
-    `n_views` per object and `size` of a partial cloud, where loaders have a number in their code.
+    `n_views` per object and `size` of a partial cloud, where loaders have a number in their code. `own_complete` is
+    True for a layout that has place for a complete cloud of each view, as the camera's frame needs it.
     """
     recipe = plan.recipe
     for what, option, found, wanted in (
@@ -271,12 +277,23 @@ def _check(plan: Plan, n_complete: int, n_views: int | None = None, size: int | 
             f"{plan.format} must have {n_complete:,} points in each complete cloud; got {sampled}. "
             f"Give --points {n_complete}."
         )
-    check_one_frame(plan)
+    if plan.recipe.frame == "camera" and not own_complete:
+        raise OptionError(
+            f"{plan.format} must have one frame for all views of an object, for they share a complete cloud; got "
+            "--frame camera. Choose --format completion3d or epn3d; or packed, which zo.torch.CompletionPairs reads."
+        )
+    check_one_frame(plan, of_object=not own_complete)
 
 
-PCN = Layout(export_pcn, partial(_check, n_complete=16_384, n_views=8))
-COMPLETION3D = Layout(export_completion3d, partial(_check, n_complete=2_048, n_views=1, size=2_048))
-EPN3D = Layout(export_epn3d, partial(_check, n_complete=2_048, size=2_048))
-PROJECTED_SHAPENET = Layout(export_projected_shapenet, partial(_check, n_complete=8_192, n_views=16))
+PCN = Layout(export_pcn, partial(_check, n_complete=16_384, n_views=8), read_files_of_pairs)
+COMPLETION3D = Layout(
+    export_completion3d,
+    partial(_check, n_complete=2_048, n_views=1, size=2_048, own_complete=True),
+    read_files_of_pairs,
+)
+EPN3D = Layout(export_epn3d, partial(_check, n_complete=2_048, size=2_048, own_complete=True), read_files_of_pairs)
+PROJECTED_SHAPENET = Layout(
+    export_projected_shapenet, partial(_check, n_complete=8_192, n_views=16), read_files_of_pairs
+)
 SHAPENET55 = Layout(export_shapenet55, partial(_check, n_complete=8_192, size=8_192))
-MVP = Layout(export_mvp, partial(_check, n_complete=MVP_SIZE, n_views=MVP_VIEWS, size=MVP_SIZE))
+MVP = Layout(export_mvp, partial(_check, n_complete=MVP_SIZE, n_views=MVP_VIEWS, size=MVP_SIZE), read_mvp)

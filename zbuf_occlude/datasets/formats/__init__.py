@@ -13,6 +13,7 @@ A layout's module, in `zbuf_occlude.datasets.export`, has
 
     export(source, out) -> Exported                 writes all files, from the clouds of a dataset
     check(plan)                                     optional: raises if loaders could not read what the plan gives
+    read(out, plan, files) -> CloudReader           optional: reads clouds back, to be looked at
 """
 
 from collections.abc import Iterator, Mapping
@@ -236,7 +237,13 @@ FORMATS: tuple[Format, ...] = (
         axes=MIRRORED,
         module="export.classification:MODELNET40_NORMAL",
     ),
-    _layout_of_pairs("pcn", "pairs as PCD files, 16,384 complete points, 8 views", "fibonacci:8", least_tested=10),
+    _layout_of_pairs(
+        "pcn",
+        "pairs as PCD files, 16,384 complete points, 8 views",
+        "fibonacci:8",
+        least_tested=10,
+        ragged=True,
+    ),
     _layout_of_pairs(
         "completion3d",
         "pairs as HDF5 files, 2,048 points, 1 view",
@@ -279,6 +286,7 @@ FORMATS: tuple[Format, ...] = (
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
         "fibonacci:16",
+        ragged=True,
     ),
     _layout_of_pairs(
         "shapenet55",

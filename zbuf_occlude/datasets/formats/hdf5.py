@@ -26,7 +26,7 @@ UNITS = {
     "face_ids": "index into the faces of the cleaned mesh",
     "mesh_id": "index into mesh_keys.txt",
     "view": "azimuth and elevation in radians, distance in the mesh's units",
-    "pose": "view matrix: world space to eye space (x right, y up, looking along -z)",
+    "pose": "view matrix: world space to eye space",
     "n_visible": "visible points before the subset was drawn",
     "visible_fraction": "of the points sampled on the object",
 }
@@ -52,7 +52,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDige
 
     def fill(file: IO[bytes]) -> None:
         with _h5_in(file, track_order=True) as h5:
-            h5.attrs["frame"] = plan.recipe.frame
+            h5.attrs["frame"], h5.attrs["axes"] = plan.recipe.frame, plan.recipe.axes
             h5.attrs["scale"] = plan.recipe.scale
             h5.attrs["fingerprint"] = plan.fingerprint
             for name, values in to_arrays(records, plan.recipe).items():

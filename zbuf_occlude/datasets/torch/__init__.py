@@ -13,6 +13,9 @@
     scan = OnTheFlyScan(n_points=1024, sensor="hdl-64e", scene="street")
     cloud = scan(mesh, "car")                             # another azimuth, range and street each time
 
+    pairs = OnTheFlyPairs(occlude)                        # or OnTheFlyPairs(scan)
+    partial, complete, pose = pairs(mesh)
+
 Everything random here comes from torch's generators: `torch.manual_seed`, and in workers their own seeds, decide it.
 """
 
@@ -20,6 +23,7 @@ from zbuf_occlude.base.extras import importing
 
 with importing("torch", "zbuf_occlude.datasets.torch"):
     from zbuf_occlude.datasets.torch.on_the_fly import OnTheFlyOcclusion, OnTheFlyScan
+    from zbuf_occlude.datasets.torch.on_the_fly_pairs import OnTheFlyPairs
     from zbuf_occlude.datasets.torch.stored import (
         CloudDataset,
         CloudStream,
@@ -40,6 +44,7 @@ __all__ = [
     "Compose",
     "Jitter",
     "OnTheFlyOcclusion",
+    "OnTheFlyPairs",
     "OnTheFlyScan",
     "Rescale",
     "Rotate",

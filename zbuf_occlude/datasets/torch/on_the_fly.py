@@ -27,7 +27,8 @@ from zbuf_occlude.base.errors import (
 from zbuf_occlude.base.jit.threads import use_threads
 from zbuf_occlude.datasets.pipeline import count_distinct, why_no_cloud
 from zbuf_occlude.datasets.plan import ATTRIBUTES
-from zbuf_occlude.datasets.records import colors_of, draw, unit_box_transform
+from zbuf_occlude.datasets.records import colors_of, draw
+from zbuf_occlude.datasets.torch.placing import Drawn, Placement, RandomViews, Span
 from zbuf_occlude.datasets.torch.tensors import TensorMesh, is_dense, is_followed, place_of
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
@@ -38,13 +39,10 @@ from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import ScanConfig
-from zbuf_occlude.views import PAPER_DISTANCE
-from zbuf_occlude.views import parse as parse_views
-from zbuf_occlude.views import random as random_views
+from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
-SCALES = ("cloud", "metres", "mesh")
 BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
@@ -62,13 +60,19 @@ class OnTheFlyOcclusion:
         Points of each cloud.
     distance : float
         Of the eye from the mesh's centre, in longest sides.
-    elevation : (float, float)
-        The eye is anywhere on the sphere between these elevations, degrees, uniformly by area.
+    elevation : (float, float), float or str
+        The eye is anywhere on the sphere between these elevations, degrees, uniformly by area; or at this elevation.
+    views : Views or str, optional
+        Instead: the eye is one of these views, such as ``"fibonacci:24"``, distances in longest sides.
     method : str, optional
         Of the table of methods; one that needs no GL. "exact", or with a device "warp".
     method_options : mapping, optional
     scale : {"cloud", "metres", "mesh"}
         As in `zbuf_occlude.datasets.plan.DatasetConfig`.
+    frame : {"object", "camera"}
+        Frame of positions and normals.
+    axes : {"opengl", "opencv"}
+        Axes of the camera: x right, y up, looking along -z; or x right, y down, looking along z.
     eyes_per_sampling : int
         This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
         1: every cloud has points of its own.
@@ -114,10 +118,13 @@ class OnTheFlyOcclusion:
         n_points: int = 1024,
         *,
         distance: float = PAPER_DISTANCE,
-        elevation: tuple[float, float] = (-90.0, 90.0),
+        elevation: Span = (-90.0, 90.0),
+        views: Views | str | None = None,
         method: str | None = None,
         method_options: Mapping[str, Any] | None = None,
         scale: str = "cloud",
+        frame: str = "object",
+        axes: str = "opengl",
         eyes_per_sampling: int = 8,
         attributes: Sequence[str] = (),
         cache_megabytes: float = 500.0,
@@ -125,10 +132,9 @@ class OnTheFlyOcclusion:
     ) -> None:
         check_int("n_points", n_points, 1)
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
-        distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
         cache_megabytes = as_number(cache_megabytes, "cache_megabytes", "a number from 0", lambda number: number >= 0.0)
-        random_views(1, elevation=elevation)  # for its error
-        check_choice("scale", scale, SCALES)
+        self.views = RandomViews.of_arguments(elevation, distance, views)
+        self.placement = Placement(scale, frame, axes)
         if not isinstance(attributes, Sequence) or isinstance(attributes, str):
             raise ArgumentError(f"attributes must be a sequence of words; got {shown(attributes)}.")
         for name in attributes:
@@ -141,6 +147,9 @@ class OnTheFlyOcclusion:
         if device is not None and (method != "warp" or "colors" in attributes):
             what = "no colors" if method == "warp" else f"method 'warp'; got {method!r}"
             raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
+        if device is not None and (frame != "object" or views is not None):
+            what = f"frame 'object'; got {frame!r}" if frame != "object" else "no views"
+            raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
         if device is not None and "device" in (method_options or {}):
             raise OptionError(f"device must be said once; got {device!r} and method_options {method_options!r}.")
         if find_method(method).needs_gl:
@@ -148,8 +157,7 @@ class OnTheFlyOcclusion:
         find_method(method).check_options(dict(method_options or {}))
         if device is not None:
             check_fraction("contact", (method_options or {}).get("contact", CONTACT))
-        self.n_points, self.distance, self.elevation = n_points, distance, elevation
-        self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
+        self.n_points, self.method, self.method_options = n_points, method, dict(method_options or {})
         self.eyes_per_sampling, self.cache_megabytes = eyes_per_sampling, cache_megabytes
         self._subjects: OrderedDict[Hashable, _Subject] = OrderedDict()
         self._process = -1
@@ -178,23 +186,32 @@ class OnTheFlyOcclusion:
             return data
         if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
             return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
-        raise ArgumentError(
-            f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
-            "Keep the faces: apply this transform before any that samples points."
-        )
+        raise _not_a_mesh(mesh)
+
+    def draw(self, mesh: Any, label: str = "") -> Drawn:
+        """Return the cloud that another eye sees, before it is placed; not on a device. `label` is not needed."""
+        if hasattr(mesh, "pos") and hasattr(mesh, "face"):
+            return self._next(_array(mesh.pos), _array(mesh.face).T, mesh)
+        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+            return self._next(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
+        raise _not_a_mesh(mesh)
 
     def _cloud(self, vertices: Any, faces: Any, mesh: Any) -> torch.Tensor:
+        cloud = self._next(vertices, faces, mesh)
+        if isinstance(cloud, torch.Tensor):
+            return cloud
+        placed = self.placement.place(cloud, has_normals="normals" in self.attributes)
+        return torch.from_numpy(placed.astype(np.float32))
+
+    def _next(self, vertices: Any, faces: Any, mesh: Any) -> Any:
+        """Return the next cloud of a mesh: `Drawn`, or on a device a tensor."""
         if self._process != os.getpid():
             self._process = os.getpid()
             for subject in self._subjects.values():
                 subject.forget_clouds()  # drawn before this process was forked: its siblings have them too
             if get_worker_info() is not None:
                 use_threads(1)
-        cloud = self._subject(vertices, faces, mesh).next_cloud(self)
-        if isinstance(cloud, torch.Tensor):
-            return cloud
-        cloud[:, :3] = _scaled(cloud[:, :3], self.scale)
-        return torch.from_numpy(cloud.astype(np.float32))
+        return self._subject(vertices, faces, mesh).next_cloud(self)
 
     def _subject(self, vertices: Any, faces: Any, mesh: Any = None) -> "_Subject":
         colors = None
@@ -231,7 +248,7 @@ class _Subject:
         self._visible_fraction = self._try(settings)
 
     def next_cloud(self, settings: OnTheFlyOcclusion) -> Any:
-        """Return what another eye sees, (n_points, 3, 6 or 9): positions, world space, and attributes."""
+        """Return what another eye sees, not placed yet."""
         for _ in range(ROUNDS):
             if not self._clouds:
                 self._draw(settings)
@@ -250,34 +267,33 @@ class _Subject:
     def _try(self, settings: OnTheFlyOcclusion) -> float:
         """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
         points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
-        views = random_views(TRIED_EYES, elevation=settings.elevation, distance=settings.distance)
-        mask = self.occluder.visible(points, views.around(self.mesh.centre, self.mesh.longest_side).eyes)
+        views = settings.views.draw(TRIED_EYES, 0).around(self.mesh.centre, self.mesh.longest_side)
+        mask = self.occluder.visible(points, views.eyes) & views.in_frustum(points.positions)
         return float(np.clip(np.quantile(mask.mean(axis=1), 0.25), 0.02, 1.0))
 
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         mesh, wanted = self.mesh, settings.n_points
         n_eyes = settings.eyes_per_sampling
-        views = random_views(
-            n_eyes, elevation=settings.elevation, distance=settings.distance, seed=int(rng.integers(2**62))
-        )
-        eyes = views.around(mesh.centre, mesh.longest_side).eyes
+        views = settings.views.draw(n_eyes, int(rng.integers(2**62))).around(mesh.centre, mesh.longest_side)
+        eyes = views.eyes
         found: list[list[FloatArray]] = [[] for _ in eyes]
         counts, lacking = np.zeros(n_eyes, dtype=int), np.arange(n_eyes)
         n_sampled = int(1.15 * wanted / self._visible_fraction)
         for _ in range(ROUNDS):
             points = sample_surface(mesh, n_points=n_sampled, seed=rng)
             mask = self.occluder.visible(points, eyes[lacking])
+            mask &= views.select(lacking).in_frustum(points.positions)  # of cameras of a file
             for eye, seen in zip(lacking, mask, strict=True):
                 found[eye].append(_rows(points, seen, eyes[eye], settings.attributes))
             counts[lacking] += mask.sum(axis=1)
             lacking = np.flatnonzero(counts < wanted)
             if not len(lacking):
                 break
-        for parts in found:
+        for parts, pose in zip(found, views.poses, strict=True):
             rows = np.concatenate(parts)
             if len(rows) >= min(2, wanted):  # centred and scaled, one point would be the origin
-                self._clouds.append(rows[draw(np.arange(len(rows)), wanted, rng)])
+                self._clouds.append(Drawn(rows[draw(np.arange(len(rows)), wanted, rng)], pose, mesh))
 
 
 class _DeviceSubject(_Subject):
@@ -322,12 +338,12 @@ class _DeviceSubject(_Subject):
 
     def _eyes(self, n: int, settings: OnTheFlyOcclusion) -> torch.Tensor:
         """Return places uniform over the sphere's band, (n, 3)."""
-        low, high = np.sin(np.radians(settings.elevation))
+        low, high = np.sin(np.radians(settings.views.elevation))
         heights, azimuths = low + (high - low) * self._random(n), 2.0 * np.pi * self._random(n)
         flat = (1.0 - heights * heights).clamp(min=0.0).sqrt()
         units = torch.stack([flat * azimuths.cos(), flat * azimuths.sin(), heights], dim=1)
         lower, upper = self._mesh.bounds
-        return (lower + upper) / 2.0 + settings.distance * (upper - lower).amax() * units
+        return (lower + upper) / 2.0 + settings.views.distance * (upper - lower).amax() * units
 
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
         n = settings.n_points
@@ -346,10 +362,10 @@ class _DeviceSubject(_Subject):
             normals = self._normals[own.long()][rows]
             towards = ((eyes[:, None] - clouds) * normals).sum(dim=-1, keepdim=True)
             columns.append(torch.where(towards < 0.0, -normals, normals))
-        if settings.scale != "mesh":
+        if settings.placement.scale != "mesh":
             low, high = clouds.amin(dim=1, keepdim=True), clouds.amax(dim=1, keepdim=True)
             columns[0] = clouds - (low + high) / 2.0
-        if settings.scale == "cloud":
+        if settings.placement.scale == "cloud":
             longest = (high - low).amax(dim=-1, keepdim=True)
             columns[0] = columns[0] / torch.where(longest > 0.0, longest, 1.0)
         drawn = torch.cat(columns, dim=-1).masked_fill(counts.amax() == 0, torch.nan)
@@ -365,14 +381,6 @@ def _found(device: str | torch.device) -> torch.device:
         raise OptionError(f"device must be one that PyTorch finds here; got {device!r}: {said}.") from None
 
 
-def _scaled(positions: FloatArray, scale: str) -> FloatArray:
-    """Return positions (n, 3) of a cloud in one of `SCALES`."""
-    if scale == "mesh":
-        return positions
-    centre, factor = unit_box_transform(positions)
-    return (positions - centre) * (factor if scale == "cloud" else 1.0)
-
-
 def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
     """Return the columns of what an eye sees."""
     if not attributes:
@@ -384,6 +392,13 @@ def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: S
     if "colors" in attributes:
         columns.append(colors_of(points) / 255.0)
     return np.concatenate(columns, axis=1)
+
+
+def _not_a_mesh(mesh: Any) -> ArgumentError:
+    return ArgumentError(
+        f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
+        "Keep the faces: apply this transform before any that samples points."
+    )
 
 
 def _array(values: Any) -> NDArray[Any]:
@@ -406,11 +421,19 @@ class OnTheFlyScan:
         Of the sensor to be changed, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
         What scenes are filled with; built-in road users or furniture without it.
+    elevation : (float, float), float or str
+        Elevation of the sensor above the object's middle, degrees: uniform over the sphere between two, or one. Over a
+        ground a LiDAR's follows from its height.
+    views : Views or str, optional
+        Instead of random azimuths and elevations: the sensor is at one of these views, such as ``"ring:8@20"``, or
+        ``"drive:1"`` for road users; with ``range=None`` at their own distances, in longest sides.
     scale : {"cloud", "metres", "mesh"}
         "cloud": centred, longest side 1; "metres": centred, in metres; "mesh": metres about the middle of the object's
         box.
-    views : str
-        Specification of `zbuf_occlude.views.parse`, of which one view is drawn each time; ``drive:1`` for road users.
+    frame : {"object", "camera"}
+        Frame of the positions; the camera looks at the object.
+    axes : {"opengl", "opencv"}
+        Axes of the camera: x right, y up, looking along -z; or x right, y down, looking along z.
     **setup
         `range`, `range_law`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` and
         `least_points` of `zbuf_occlude.sensors.setup.ScanConfig`.
@@ -436,17 +459,19 @@ class OnTheFlyScan:
         sensor: str | Path | Sensor = "vlp-32c",
         numbers: dict[str, Any] | None = None,
         surroundings: MeshCollection | None = None,
+        elevation: Span = 0.0,
+        views: Views | str | None = None,
         scale: str = "cloud",
-        views: str = "random:1@0..0",
+        frame: str = "object",
+        axes: str = "opengl",
         **setup: Any,
     ) -> None:
         check_int("n_points", n_points, 1)
-        check_choice("scale", scale, SCALES)
+        self.views = RandomViews.of_arguments(elevation, PAPER_DISTANCE, views)
+        self.placement = Placement(scale, frame, axes)
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
-        if parse_views(views).rotations is not None:
-            raise OptionError(f"views must be about the object; got {shown(views)}, cameras of a file. Take others.")
-        self.n_points, self.scale, self.views = n_points, scale, views
+        self.n_points = n_points
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
         self.setup = ScanConfig(make(sensor, **(numbers or {})).to_dict(), **given)
         if not isinstance(surroundings, MeshCollection | None):
@@ -462,6 +487,16 @@ class OnTheFlyScan:
 
     def __call__(self, mesh: Any, label: str = "object") -> torch.Tensor:
         """Return a scan's points.
+
+        Raises
+        ------
+        ArgumentError, MeshError, OptionError
+            As `draw`.
+        """
+        return torch.from_numpy(self.placement.place(self.draw(mesh, label)).astype(np.float32))
+
+    def draw(self, mesh: Any, label: str = "object") -> Drawn:
+        """Return a scan's points before they are placed.
 
         Raises
         ------
@@ -487,8 +522,7 @@ class OnTheFlyScan:
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
-            views = parse_views(self.views, seed=int(rng.integers(2**62)))
-            views = views.select([int(rng.integers(len(views)))])
+            views = self.views.draw(1, int(rng.integers(2**62)))
             seeds = partial(_seed, int(rng.integers(2**62)))
             places = sensor_views(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
@@ -496,7 +530,7 @@ class OnTheFlyScan:
             n_distinct = count_distinct(capture.scan.positions, self.setup.least_points)
             if n_distinct >= max(2, self.setup.least_points):  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
-                return torch.from_numpy(_scaled(positions, self.scale).astype(np.float32))
+                return Drawn(positions, places.poses[0], standing)
         why = why_no_cloud(capture, self.setup, places, 0, n_distinct)
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."

@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
+from zbuf_occlude.base.arrays import as_flag
 from zbuf_occlude.base.errors import DatasetError, OptionError, check_choice
 from zbuf_occlude.datasets.folder import read_plan
 from zbuf_occlude.datasets.formats import find_format
-from zbuf_occlude.datasets.plan import ATTRIBUTES
+from zbuf_occlude.datasets.plan import ATTRIBUTES, DatasetConfig
 from zbuf_occlude.datasets.records import pad_or_truncate
 from zbuf_occlude.datasets.source import CloudReader, open_dataset
 
@@ -199,7 +201,7 @@ class CloudStream(_Split, IterableDataset[Sample]):
                 yield self.sample(records[row])
 
 
-class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
+class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, ...]]):
     """Partial and complete clouds of the objects of one split, in one frame, by index; worker-safe.
 
     Parameters
@@ -209,6 +211,8 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     split : {"train", "val", "test"}
     n_partial, n_complete : int
         Points of each cloud; of fewer, some repeat.
+    return_pose : bool
+        Items have the pose of the camera too.
 
     Raises
     ------
@@ -220,8 +224,12 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     Notes
     -----
     Items are (partial, complete, label): (n_partial, 3) and (n_complete, 3) float32, and () int64. The whole object is
-    centred and its longest side 1; of a dataset made with ``--scale mesh`` or ``metres`` it
-    is as in its file, of scans in metres.
+    centred and its longest side 1; of a dataset made with ``--scale mesh`` or ``metres`` it is as in its file, of scans
+    in metres. Of a dataset made with ``--frame camera`` both clouds of an item have the camera's axes. Their origin is
+    then the object's centre, or the camera with ``--scale mesh`` or ``metres``.
+
+    The pose, (4, 4) float32, takes the object's frame to the camera's, in the unit of the pair:
+    ``points @ pose[:3, :3].T + pose[:3, 3]``. Its axes are OpenGL's, or by ``--axes`` OpenCV's.
     """
 
     def __init__(
@@ -231,24 +239,27 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
         *,
         n_partial: int = 2_048,
         n_complete: int = 8_192,
+        return_pose: bool = False,
     ) -> None:
         if n_partial < 1 or n_complete < 1:
             raise OptionError(f"n_partial and n_complete must be at least 1; got {n_partial} and {n_complete}.")
         self.n_partial, self.n_complete = n_partial, n_complete
+        self.return_pose = as_flag(return_pose, "return_pose")
         super().__init__(folder, split)
 
     def __repr__(self) -> str:
         pairs = f"{len(self)} pairs of {self.n_partial} and {self.n_complete} points, {len(self.classes)} classes"
         return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {pairs})"
 
-    def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return (partial, complete, label)."""
+    def __getitem__(self, index: int) -> tuple[torch.Tensor, ...]:
+        """Return (partial, complete, label), or (partial, complete, label, pose)."""
         source = self.source
         record = source.take(self.numbers[[index]])[0]
         assert source.complete is not None  # packed
-        complete = source.complete(int(record["mesh_id"]), self.n_complete)
+        complete = source.complete(record, self.n_complete)
         partial, whole = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
-        return partial, whole, torch.tensor(int(record["label"][0]))
+        pair = partial, whole, torch.tensor(int(record["label"][0]))
+        return (*pair, torch.from_numpy(_pose_of_pair(record, source.plan.recipe))) if self.return_pose else pair
 
     @cached_property
     def source(self) -> CloudReader:
@@ -262,6 +273,17 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
         scale = {"cloud": "object", "metres": "mesh"}.get(plan.recipe.scale, plan.recipe.scale)
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
         return open_dataset(self.folder, replace(plan, recipe=drawn))
+
+
+def _pose_of_pair(record: Any, recipe: DatasetConfig) -> NDArray[np.float32]:
+    """Return the matrix (4, 4) from the object's frame, scaled as a record is, to the camera's."""
+    pose, centre, factor = np.array(record["pose"]), record["centre"], float(record["factor"])
+    if recipe.frame == "camera":  # where the centre is given in the camera's frame
+        pose[:3, 3] = centre if recipe.scale == "object" else pose[:3, 3]
+    else:
+        pose[:3, 3] += pose[:3, :3] @ centre
+    pose[:3, 3] *= factor
+    return pose.astype(np.float32)
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
