@@ -51,7 +51,7 @@ SMALL = {
     "pairs": ["--limit", "2", "--points", "2048", "--sample-size", "256", "--views", "fibonacci:8"],
     "voxels": ["--limit", "2", "--points", "2048", "--sample-size", "256", "--views", "fibonacci:4"],
     "projected-shapenet": ["--limit", "4", "--points", "8192", "--sample-size", "512"],
-    "scans": ["--limit", "4", "--views", "ring:2@0", "--sensor", "vlp-16", "--range", "6", "--keep", "all"],
+    "scans": ["--limit", "4", "--views", "ring:2@0", "--sensor", "vlp-16", "--range", "6", "--size", "2"],
     "shapenet55": ["--limit", "8", "--points", "8192"],
 }
 """Arguments of `generate` for a dataset of seconds and megabytes in a format; for others `SMALL_OTHERS`."""
