@@ -197,7 +197,7 @@ def test_the_process_ends_with_the_one_that_started_it(torus: PyrenderOccluder) 
     """Killed outright, it cannot tidy up; the pipe's end does."""
     program = (
         "import os, signal, sys, zbuf_occlude as zo\n"
-        "from zbuf_occlude.visibility import pyrender\n"
+        "from zbuf_occlude.visibility.methods import pyrender\n"
         "occluder = pyrender.prepare(zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))\n"
         "heavy = [m for m in ('pyrender', 'OpenGL', 'moderngl') if m in sys.modules]\n"
         "sys.stdout.write(f'{occluder._child.process.pid} {heavy}'); sys.stdout.flush()\n"
