@@ -51,7 +51,7 @@ SMALL = {
     "pairs": ["--limit", "2", "--points", "2048", "--sample-size", "256", "--views", "fibonacci:8"],
     "voxels": ["--limit", "2", "--points", "2048", "--sample-size", "256", "--views", "fibonacci:4"],
     "projected-shapenet": ["--limit", "4", "--points", "8192", "--sample-size", "512"],
-    "scans": ["--limit", "4", "--views", "ring:2@0", "--sensor", "vlp-16", "--range", "6", "--keep", "all"],
+    "scans": ["--limit", "4", "--views", "ring:2@0", "--sensor", "vlp-16", "--range", "6", "--size", "2"],
     "shapenet55": ["--limit", "8", "--points", "8192"],
 }
 """Arguments of `generate` for a dataset of seconds and megabytes in a format; for others `SMALL_OTHERS`."""
@@ -105,7 +105,7 @@ class Disturbed:
         """Kill so often at random moments of the time that an undisturbed run takes; return the exit status."""
         for _ in range(n_kills):
             kind = self._rng.choice((WORKER, RUN, END))
-            self._wait(self._rng.uniform(0, self._seconds / n_kills), for_end=kind == END)
+            self._wait(kind, self._rng.uniform(0, (1.0 if kind == RUN else 0.5) * self._seconds / n_kills))
             if self._process.poll() is None and (kind != WORKER or self._kill_worker()):
                 self.kills[kind] += 1
                 if kind != WORKER:
@@ -114,13 +114,18 @@ class Disturbed:
                     self._process = self._start()
         return self._process.wait()
 
-    def _wait(self, seconds: float, *, for_end: bool) -> None:
-        """Wait so long, or until all shards are made and a moment longer."""
+    def _wait(self, kind: str, seconds: float) -> None:
+        """Wait so long, and until there is a worker to kill; or until all shards are made and a moment longer."""
         until = time.monotonic() + seconds
-        while self._process.poll() is None and (not self._all_made() if for_end else time.monotonic() < until):
+        while self._process.poll() is None and not self._is_due(kind, until):
             time.sleep(LOOK)
-        if for_end:
+        if kind == END:
             time.sleep(self._rng.uniform(0, 0.1 * self._seconds))
+
+    def _is_due(self, kind: str, until: float) -> bool:
+        if kind == END:
+            return self._all_made()
+        return time.monotonic() > until and (kind == RUN or any(workers_of(self._process.pid)))
 
     def _all_made(self) -> bool:
         if not (self._out / PLAN).exists():
