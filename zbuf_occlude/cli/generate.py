@@ -10,6 +10,7 @@ from click.core import ParameterSource
 from zbuf_occlude.base.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.base.jit.compiler import announce
 from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.cli.config_file import COMMAND, ConfigurableCommand, config_option
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
 from zbuf_occlude.cli.scan_options import are_shapes_in_metres, check_sizes, overruled, pop_scan_options, scan_options
@@ -35,7 +36,7 @@ from zbuf_occlude.cli.shared_options import (
     shares_of_splits,
     with_option,
 )
-from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Command, Name, echo, progress_bar
+from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Name, echo, progress_bar
 from zbuf_occlude.datasets.auto import AUTO, Choice, resolve
 from zbuf_occlude.datasets.folder import ORIGINAL, claim_folder
 from zbuf_occlude.datasets.formats import FORMATS, find_format
@@ -66,7 +67,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     return name
 
 
-@click.command(cls=Command)
+@click.command(cls=ConfigurableCommand)
+@config_option
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), default=Path("occluded"), help="Folder of the dataset.")
 @click.option(
@@ -202,6 +204,7 @@ def generate_command(
       zbuf-occlude generate
       zbuf-occlude generate ModelNet40 --views paper100 --out modelnet40-occluded
       zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
+      zbuf-occlude generate --config mine/manifest.json --seed 1 --out other
       zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
       zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
@@ -339,6 +342,7 @@ def make(
     """
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
 
+    command = click.get_current_context().meta[COMMAND]
     mine = plan.shards[share[0] :: share[1]]
     bar = progress_bar(sum(map(len, mine)) * plan.clouds_per_mesh, "clouds", "generate")
 
@@ -346,12 +350,19 @@ def make(
         bar.delay = 0.0  # else what is shown now is not ended with its line
         bar.refresh()
         for each in beside:
-            claim_folder(*each)
+            claim_folder(*each, command)
         run(task, jobs, done)
 
     with bar, logging_redirect_tqdm():
         document = generate(
-            plan, out, run=begun, overwrite=overwrite, retry_failed=retry_failed, share=share, progress=bar.update
+            plan,
+            out,
+            run=begun,
+            overwrite=overwrite,
+            retry_failed=retry_failed,
+            share=share,
+            command=command,
+            progress=bar.update,
         )
     if document:
         echo(what_was_made(document, out, read_as))

@@ -123,7 +123,8 @@ LONG = 10
 WIDTH = 118
 
 PANELS = {
-    "Input": "shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
+    "Input": "config shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file "
+    "sydney",
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage order most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size complete "
     "subset overlap seed attributes seconds row_seconds reference_points",

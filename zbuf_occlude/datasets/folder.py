@@ -96,6 +96,14 @@ def read_plan(out: Path) -> Plan:
     return plan
 
 
+def read_command(out: Path) -> dict[str, Any]:
+    """Return the options of the command line that made the plan in a folder; none where it was made in Python."""
+    path = out / PLAN
+    with reading(path, PLAN_REMEDY):
+        command: dict[str, Any] = read_object(path, {}).get("command", {})
+    return command
+
+
 def read_manifest(out: Path) -> dict[str, Any] | None:
     """Return the manifest of a folder whose dataset is complete, None for one that is not; DatasetError if damaged."""
     path = out / MANIFEST
@@ -224,12 +232,15 @@ def contains_plan(plan: Plan, out: Path) -> bool:
     )
 
 
-def claim_folder(plan: Plan, out: Path) -> None:
-    """Write the plan into its folder, unless it is there already; nothing in the folder is removed."""
+def claim_folder(plan: Plan, out: Path, command: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """Write the plan into its folder, unless it is there already; nothing in the folder is removed.
+
+    `command` are the options of the command line that made the plan, for the manifest.
+    """
     if not contains_plan(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
-            document = {"fingerprint": plan.fingerprint, **plan.to_dict()}
+            document = {"fingerprint": plan.fingerprint, "command": dict(command), **plan.to_dict()}
             atomic.write_json(out / PLAN, document, exclusive=True)
         except FileExistsError:  # another run was faster
             contains_plan(plan, out)

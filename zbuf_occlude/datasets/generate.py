@@ -23,6 +23,7 @@ from zbuf_occlude.datasets.folder import (
     damaged,
     leftover_work,
     locked,
+    read_command,
     read_manifest,
     removable,
     remove,
@@ -75,6 +76,7 @@ def generate(
     overwrite: bool = False,
     retry_failed: bool = False,
     share: tuple[int, int] = (0, 1),
+    command: Mapping[str, Any] = MappingProxyType({}),
     progress: Callable[[int], None] = lambda clouds: None,
 ) -> dict[str, Any]:
     """Make the dataset of a plan in a folder.
@@ -92,6 +94,8 @@ def generate(
         Make the shards again in which a mesh failed.
     share : (int, int)
         (i, n): make only the shards of the i-th (from 0) of n machines; `merge` finishes the dataset when all are done.
+    command : mapping
+        Options of the command line, by name, for the manifest: `generate --config` reads them from there.
     progress : callable
         Called with the number of clouds planned in each shard that is done, those of a run before at once.
 
@@ -127,7 +131,7 @@ def generate(
         progress(plan.n_clouds)
         return finished
     with locked(out, shared=share != (0, 1)):
-        claim_folder(plan, out)
+        claim_folder(plan, out, command)
         if (finished := read_manifest(out)) is not None:
             faults = _faults(plan, finished, out, retry_failed)
             if not faults:
@@ -210,7 +214,7 @@ def finish(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
     if not any(whole.n_clouds.values()):
         raise DatasetError(_nothing_made(plan, whole))
     names = {split: [file.name for file in whole.files[split]] for split in plan.splits if split in whole.files}
-    about = build_manifest(plan, whole, seconds)
+    about = {"command": read_command(out), **build_manifest(plan, whole, seconds)}
     module = row.storage.load()
     if row.exported_from:
         return export(plan, module.read(data_folder(plan, out), plan, names), out, about)
