@@ -28,6 +28,7 @@ TINY = replace(
     models=("voxnet",),
     seeds=(0, 1),
     passes=16,
+    real_passes=16,
     epochs=1,
     batch_size=32,
     n_validation=4,

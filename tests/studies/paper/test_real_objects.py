@@ -17,7 +17,6 @@ from tests.studies.paper.hand_made import TINY  # noqa: E402
 from zbuf_occlude.base.errors import OptionError  # noqa: E402
 from zbuf_occlude.cli.experiment import experiment_named  # noqa: E402
 from zbuf_occlude.studies.learn.evaluation import Confusion  # noqa: E402
-from zbuf_occlude.studies.paper import real_objects  # noqa: E402
 from zbuf_occlude.studies.paper.design import REAL, REAL_OBJECTS, SIMULATED  # noqa: E402
 from zbuf_occlude.studies.paper.real_objects import CLASSES, RECIPES, RealObjects  # noqa: E402
 from zbuf_occlude.studies.paper.real_report import mean_recall, spearman, table_real  # noqa: E402
@@ -34,7 +33,6 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     out = tmp_path_factory.mktemp("real")
     with pytest.MonkeyPatch.context() as patch:
         light.put_in_place(patch)
-        patch.setattr(real_objects, "LEAST_POINTS", 16)
         drive = write_kitti(out / "drive")
         assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == len(RECIPES)
         assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == 0, "all is there"

@@ -154,6 +154,7 @@ class Size:
     n_points: tuple[int, ...] = (12_000, 1_024)  # points per cloud of 4.3; methods are compared with the last number
     views: int = 25  # number of the 25 views of 4.3; 5: each elevation and azimuth once
     method_models: tuple[str, ...] = ("voxnet", "pointnet", "threedmfv")  # models for the comparison of methods of HSR
+    real_passes: int = 240_000  # clouds shown to each classifier of the experiment with real objects
 
     def to_dict(self) -> dict[str, Any]:
         """All values as plain data for JSON."""
@@ -183,6 +184,7 @@ QUICK = Size(
     n_points=(256,),
     views=5,
     method_models=("voxnet",),
+    real_passes=2_880,
 )
 
 

@@ -46,8 +46,10 @@ SENSOR = "hdl-64e"
 RANGE = (5.0, 50.0)
 HIDDEN = (0.0, 0.6)
 """Share of an object that others in its street hide."""
-LEAST_POINTS = 40
+LEAST_POINTS = 16
 """Least points of an object, real or simulated."""
+TO_SHAPES = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float32)
+"""Matrix that turns rows of positions from the axes of labelled boxes, x ahead, to those of the shapes, -y ahead."""
 CLASSES = {
     "car": ("Car", "REGULAR_VEHICLE", "vehicle.car"),
     "cyclist": ("Cyclist", "BICYCLIST"),
@@ -146,6 +148,7 @@ class RealObjects(Experiment):
     def tested(self, low: float = 0.0, high: float = np.inf) -> CloudSet:
         """Return the real objects from `low` to below `high` metres from the sensor, with the classes of the shapes."""
         clouds = _read_crops(self.crops, self.size.n_points[-1]).with_classes(self.meshes.classes)
+        clouds = replace(clouds, positions=clouds.positions @ TO_SHAPES)
         ranges = np.asarray(clouds.ranges)
         return clouds.subset((ranges >= low) & (ranges < high))
 
@@ -158,7 +161,7 @@ class RealObjects(Experiment):
                 partial(self.training, name, azimuths, scale, "train"),
                 partial(self.training, name, azimuths, scale, "val"),
                 self._tests(),
-                partial(epochs_for, self.size.passes),
+                partial(epochs_for, self.size.real_passes),
             )
             for seed in self.size.seeds
             for model in self.size.models
@@ -201,7 +204,7 @@ def picture_of_objects(real: CloudSet, simulated: CloudSet) -> Figure:
     for row, label in enumerate(labels):
         mine, theirs = (np.flatnonzero(each.labels == label) for each in (real, simulated))
         order = mine[np.argsort(np.asarray(real.ranges)[mine])]
-        for column, number in enumerate(order[np.linspace(0, len(order) - 1, SHOWN).astype(int)]):
+        for column, number in enumerate(order[np.unique(np.linspace(0, len(order) - 1, SHOWN).astype(int))]):
             range_here = float(np.asarray(real.ranges)[number])
             twin = theirs[np.abs(np.asarray(simulated.ranges)[theirs] - range_here).argmin()] if len(theirs) else None
             pairs = [("real", real.positions[number])]
