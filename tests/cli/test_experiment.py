@@ -85,7 +85,7 @@ def fail() -> Mesh:
     [
         ("augmentation --real .", 2, "No such option"),
         ("realism --sydney .", 2, "No such option"),
-        ("realism --quick --real .", 1, "--real must be a folder in KITTI"),
+        ("realism --quick --real .", 1, "must hold labelled sweeps"),
         ("everything", 2, "No such command 'everything'"),
         ("table3 --quick --out file", 2, "'file' is a file."),
         ("table3 --quick --modelnet study", 1, "there is no folder"),

@@ -30,7 +30,10 @@ REFUSED = [
     # generate
     ("generate --set resolution 1024", "got 'resolution'. Write --set resolution=VALUE."),
     ("generate --sensor vlp-16 --set-sensor columns 9", "--set-sensor must be given KEY=VALUE; got 'columns'."),
-    ("generate --method exact --views ring:8", "After ring: must come N@EL; got '8'."),
+    (
+        "generate --method exact --views ring:8",
+        "After ring: must come N@EL[,az=AZ0..AZ1]",
+    ),
     ("generate --method exact --views paper100:3", "paper100 takes nothing after it."),
     ("generate a.off --views fibonacci:999999999999", "views must be paper100"),
     ("generate a.off --views grid:1000000x1000000", "the number of views must be at most 1,000,000"),

@@ -104,15 +104,16 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
     assert redrawn is None or row.whole_objects  # no other has the points to draw from
     if row.exported_from:
         raise _not_read_back(folder, plan)
-    return _read(folder, redrawn or plan, manifest)
+    return _checked(folder, row.load().read(folder, redrawn or plan, manifest["files"]), manifest)
 
 
 def open_to_show(folder: Path) -> CloudReader:
     """Return the clouds of a complete dataset as `open_dataset`, or those of a layout of completion, z up again."""
     plan, manifest = read_finished(folder)
-    if getattr(find_format(plan.format).load(), "read", None) is None:
+    module = find_format(plan.format).load()
+    if not hasattr(module, "read"):
         raise _not_read_back(folder, plan)
-    return _read(folder, plan, manifest)
+    return _checked(folder, module.read(folder, plan, manifest["files"]), manifest)
 
 
 def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
@@ -122,8 +123,8 @@ def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
     )
 
 
-def _read(folder: Path, plan: Plan, manifest: Mapping[str, Any]) -> CloudReader:
-    source: CloudReader = find_format(plan.format).load().read(folder, plan, manifest["files"])
+def _checked(folder: Path, source: CloudReader, manifest: Mapping[str, Any]) -> CloudReader:
+    """Return the clouds of a folder; raise DatasetError unless there are as many as its manifest counts."""
     if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
         raise DatasetError(
             f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"

@@ -7,6 +7,7 @@ import pytest
 
 from tests.studies.paper.hand_made import confusion, result, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.base.errors import ArgumentError
+from zbuf_occlude.datasets.real.sydney import CLASSES, SOURCE
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.studies.learn.evaluation import Confusion
 from zbuf_occlude.studies.paper.design import (
@@ -19,7 +20,6 @@ from zbuf_occlude.studies.paper.design import (
     ORIGINAL,
     SCANS,
 )
-from zbuf_occlude.studies.paper.real_scans import CLASSES, SOURCE
 from zbuf_occlude.studies.paper.study_report import (
     dead_angle,
     table_3a,

@@ -211,6 +211,15 @@ def crop_objects(
         A value is out of range, or no label of the sweeps is in a class.
     UnavailableError
         A package that reads the layout is missing.
+
+    Examples
+    --------
+    >>> np.save("sweep.npy", zo.sample_surface("car.obj", n_points=500, seed=0).positions)
+    >>> box = "file,label,x,y,z,length,width,height\\nsweep.npy,Car,0,0,0,99,99,99"
+    >>> _ = open("boxes.csv", "w").write(box)
+    >>> (crop,) = zo.crop_objects("boxes.csv", ground=None)
+    >>> crop.class_name, len(crop.points)
+    ('Car', 500)
     """
     cutter = _Cutter(_checked_classes(classes), least_points, margin, ground, range, frame, distinct)
     if out is not None:

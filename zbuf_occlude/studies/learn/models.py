@@ -78,6 +78,12 @@ def load_classifier(folder: str | os.PathLike[str], device: str = "auto") -> "Tr
         The folder has no model, or its file is damaged.
     UnavailableError
         PyTorch or the device is missing.
+
+    Examples
+    --------
+    >>> model = zo.load_classifier("pointnet")
+    >>> model.predict(zo.occlude("chair.off", azimuth=30, elevation=20, n_points=256).points)
+    'chair'
     """
     require_torch()
     from zbuf_occlude.studies.learn.training import load_trained  # late: imports PyTorch
