@@ -28,7 +28,7 @@ def off_the_slab(points: Any, longest: float) -> np.ndarray:
 def test_the_code_of_the_page_leads_there_and_back(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     mesh = slab()
-    write_off(tmp_path / "chair.off", (mesh.vertices - mesh.centre) * 250, mesh.faces)  # a metre long, in millimetres
+    write_off(tmp_path / "chair.off", (mesh.vertices - mesh.centre) / 4, mesh.faces)  # a metre long
     for name in ("a", "b"):
         write_off(tmp_path / "meshes" / "chair" / f"{name}.off", mesh.vertices, mesh.faces)
     names: dict[str, Any] = {}

@@ -51,7 +51,7 @@ def test_a_preset_with_fewer_objects_than_its_paper_says_so(run: Run, modelnet: 
 @pytest.mark.parametrize(("format", "warned"), [("pcn", True), ("projected-shapenet", False), ("hdf5", False)])
 def test_what_published_tests_cannot_divide_is_said(run: Run, modelnet: Path, format: str, warned: bool) -> None:
     outcome = run(f"generate {modelnet} --format {format} --points 20000 --dry-run")
-    assert ("there must be 10 or more; here are 4. Training is not concerned" in outcome.err) is warned
+    assert ("needs at least 10 test objects; here are 4" in outcome.err) is warned
 
 
 @pytest.mark.parametrize(("limit", "warned"), [(3, True), (8, True), (24, False)])

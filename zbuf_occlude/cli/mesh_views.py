@@ -376,8 +376,10 @@ def views_command(
             seen += f", by the first {n_useful} as by all"
     columns = columns_of_views(about, loaded.longest_side, found)
     if out is not None and found is not None and suffix == ".png":
-        draw_coverage(out, found, max(int(np.count_nonzero(found.gain)), 1) if order else len(about))
+        draw_coverage(out, found, about, max(int(np.count_nonzero(found.gain)), 1) if order else len(about))
     elif out is not None:
+        if found is not None:  # where to put the camera, in the coordinates and unit of the mesh
+            columns |= dict(zip("xyz", about.eyes[found.order].T, strict=True))
         names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
         atomic.write(out, lambda file: np.savetxt(file, table, "%.9g", ",", header=names, comments=""))
     else:
@@ -413,7 +415,7 @@ def warn_of_nothing(sensor: Sensor, views: Views, min_density: float) -> None:
     )
 
 
-def draw_coverage(path: Path, found: Coverage, n_shown: int) -> None:
+def draw_coverage(path: Path, found: Coverage, views: Views, n_shown: int) -> None:
     """Plot the fraction of the surface that the first views see, alone and with those before them; write a PNG."""
     from zbuf_occlude.drawing.pictures import COLOUR, canvas
 
@@ -425,8 +427,9 @@ def draw_coverage(path: Path, found: Coverage, n_shown: int) -> None:
     axes.plot(place, together, color=COLOUR, marker="o", markersize=4, label="with those before it")
     axes.set_ylim(0, 103)
     some = place[:: 1 + len(place) // MOST_LABELS]
-    axes.set_xticks(some, found.order[some])
-    axes.set_xlabel("view" + (f" ({rest} others add nothing)" if rest else ""), fontsize=10)
+    angles = np.degrees([views.azimuth, views.elevation]).round().astype(int).T
+    axes.set_xticks(some, [f"{number}\n{angles[number, 0]}°, {angles[number, 1]}°" for number in found.order[some]])
+    axes.set_xlabel("view: azimuth, elevation" + (f" ({rest} others add nothing)" if rest else ""), fontsize=10)
     axes.set_ylabel("surface seen, %", fontsize=10)
     axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=120))

@@ -197,8 +197,8 @@ def _warnings(
     n_tested = sum(n for (_, split), n in counts.items() if split == "test")
     if n_tested < format.least_tested:
         warnings.append(
-            f"{format.name} is tested by published code that divides by a tenth of the test objects, so there must be "
-            f"{format.least_tested} or more; here are {n_tested}. Training is not concerned."
+            f"the published test script of {format.name} needs at least {format.least_tested} test objects; here are "
+            f"{n_tested}. Training works without."
         )
     return [f"warning: {warning}" for warning in warnings]
 

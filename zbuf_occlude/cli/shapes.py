@@ -40,6 +40,7 @@ def shapes_command(name: str | None, number: int, seed: int, up: str | None, out
         for row in BUILT_IN:
             each = f", {row.n_members} each" if row.n_members > 1 else ""
             echo(f"{row.name}: {row.summary}{each} (generate --shapes {row.name})\n  {', '.join(row.classes)}")
+        echo("write one, in metres: zbuf-occlude shapes chair --out chair.off; of two alike: shapes road-users/car")
         return
     suffix = "" if out is None else suffix_of(out, ENDINGS)
     row, label = find_shape(name)

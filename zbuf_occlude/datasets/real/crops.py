@@ -68,6 +68,9 @@ class Crop:
     points: FloatArray  # (n, 3), metres, in the frame of the box or of the sensor
     sensor: FloatArray  # (3,), place of the sensor in the frame of the sweep
 
+    def __repr__(self) -> str:
+        return f"Crop({self.class_name}, {len(self.points)} points, {self.range:.1f} m away, {self.sweep})"
+
     @cached_property
     def eye(self) -> FloatArray:
         """Place of the sensor in the frame of the box, (3,)."""
@@ -106,6 +109,11 @@ class Crops(Sequence[Crop]):
 
     def __len__(self) -> int:
         return len(self.objects)
+
+    def __repr__(self) -> str:
+        counts = Counter(crop.class_name for crop in self.objects)
+        said = ", ".join(f"{n} {name}" for name, n in sorted(counts.items()))
+        return f"Crops({len(self)} of {self.n_sweeps} sweeps of {self.layout}: {said})"
 
     def __getitem__(self, index: Any) -> Any:
         """Return a crop, or a list for a slice."""

@@ -48,7 +48,7 @@ def _formula(label: str, index: int, seed: int) -> Mesh:
 BUILT_IN = (
     BuiltIn(
         "classes",
-        "objects of the paper's eight classes, in any unit",
+        "objects of the paper's eight classes",
         root="builtin/",
         classes=families.CLASSES,
         n_members=families.MEMBERS,

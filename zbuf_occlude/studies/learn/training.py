@@ -121,6 +121,10 @@ class Trained:
     best: Epoch
     seconds: float  # spent training and validating, in all runs together
 
+    def __repr__(self) -> str:
+        said = f"{self.best.validation_accuracy:.1%} in validation, epoch {self.best.number} of {len(self.history)}"
+        return f"Trained({self.config.model}, {len(self.classes)} classes, {said})"
+
     def predict(self, points: ArrayLike) -> str:
         """Return the class of one cloud (n, 3), z up, in any unit: the most probable one of `probabilities`."""
         shares = self.probabilities(points)
