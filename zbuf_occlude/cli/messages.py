@@ -62,6 +62,8 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
         names = ", ".join(document["options"]["scanning"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
+    if n := counts["views_that_see_nothing"]:
+        yield f"{counted(n, 'view')} without a cloud: nothing of the object is visible, or returns"
     if n := counts.get("scans_of_too_few_points"):
         least = document["options"]["scanning"]["least_points"]
         yield (
