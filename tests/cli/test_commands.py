@@ -5,12 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS
+from zbuf_occlude.cli import COMMANDS, group
+from zbuf_occlude.cli.shell import LONG, PANELS
 from zbuf_occlude.engines.gl.probe import Probe
 from zbuf_occlude.sensors import SENSORS
 
@@ -44,6 +47,15 @@ def test_methods_lists_the_table(run: Run) -> None:
     text = run("methods").out
     assert "oracle  [exact, first hits]" in text
     assert "--set contact=1e-05" in text
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_option_of_a_long_help_has_a_panel(name: str) -> None:
+    command = group.get_command(click.Context(group), name)
+    assert command is not None
+    shown = [each.name for each in command.params if isinstance(each, click.Option) and not each.hidden]
+    if len(shown) >= LONG:
+        assert set(shown) <= set(" ".join(PANELS.values()).split())
 
 
 def test_doctor_says_what_works(run: Run) -> None:

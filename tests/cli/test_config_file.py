@@ -47,13 +47,52 @@ def test_options_in_yaml(run: Run, modelnet: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "typed", "lacking"),
+    [
+        ("points: 300", "--density 50", "points"),
+        ("density: 50", "--points 300", "density"),
+        ("shapes: road-users", "meshes", "shapes"),
+        ("meshes: [meshes]\nup: y\nunit: mm", "--shapes formulas", "meshes, unit, up"),
+        ("method: occupancy_grid\nset: {n: 8}", "--method oracle", "set"),
+        ("complete: true", "--method oracle", "complete"),
+        ("method: oracle", "--complete", "method"),
+        ("method: exact\nset: {contact: 0.001}\npoints: 9", "--sensor vlp-16", "points, set"),
+        ("sensor: hdl-64e\nset-sensor: {columns: 90}", "--sensor vlp-16", "set-sensor"),
+        (
+            "sensor: vlp-16\nrange: 5..9\nsize: 2\nscene: street\nhidden: 0..0.5\nkeep: all\nleast-points: 3",
+            "--sensor surface",
+            "hidden, keep, least-points, range, scene, size",
+        ),
+        ("frame: camera\naxes: opencv", "--frame object", "axes"),
+        ("format: pairs\noverlap: 0.3..0.7", "--format hdf5", "overlap"),
+    ],
+)
+@pytest.mark.usefixtures("modelnet")
+def test_typed_options_replace_those_that_they_exclude(
+    run: Run, tmp_path: Path, text: str, typed: str, lacking: str
+) -> None:
+    """The names left out are said; the command runs as if the file did not have them."""
+    (tmp_path / "job.yaml").write_text(text + "\n")
+    small = "--views ring:2@20 --sample-size 16 --limit 1 --workers 1 --dry-run --out out"
+    assert f"job.yaml: {lacking} left out" in run(f"generate --config job.yaml {small} {typed}").err
+
+
+def test_settings_of_the_method_that_the_file_has_too_stay(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    (tmp_path / "job.yaml").write_text(f"meshes: [{modelnet}]\nmethod: occupancy_grid\nset: {{n: 8}}\nlimit: 1\n")
+    run("generate --config job.yaml --method occupancy_grid --views ring:2@20 --workers 1 --points 60 --out out")
+    assert json.loads((tmp_path / "out/manifest.json").read_text())["options"]["method_options"] == {"n": 8}
+
+
+@pytest.mark.parametrize(
     ("text", "says"),
     [
         ("veiws: paper100", "'veiws'"),
         ("- views", "options by name"),
         ("views: [", "must be YAML"),
         ("complete: perhaps", "must be true or false"),
-        ("config: other.yaml", "'config'"),
+        ("config: other.yaml", "cannot name another"),
+        ("views: null", "views must have a value"),
+        ("seed:", "seed must have a value"),
         ("points: many", "--points"),
         ('{"fingerprint": "0"}', "command that made"),
     ],

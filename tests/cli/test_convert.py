@@ -52,6 +52,11 @@ def test_convert(run: Run, modelnet: Path, tmp_path: Path) -> None:
     assert "32 clouds (" in outcome.out
     run("convert tars --format hdf5 --out h5")
     assert (tmp_path / "h5" / "train_files.txt").read_text() == "ply_data_train0.h5\n"
+    before, after = (json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("packed", "h5"))
+    assert after["command"] == {**before["command"], "format": "hdf5"}
+    run("generate --config h5/manifest.json --workers 1 --out again")
+    again = json.loads((tmp_path / "again" / "manifest.json").read_text())
+    assert (again["format"], again["files"]) == ("hdf5", after["files"])
     outcome = run("convert h5 --format packed --out back", code=1)
     assert outcome.err.startswith("error: a packed dataset must be made of all points of its objects"), "no bar first"
     run("convert tars --format npz --out h5", code=1, says="must be empty or hold this same plan")

@@ -60,6 +60,8 @@ def test_lengths_must_be_metres(run: Run, tmp_path: Path) -> None:
     run("generate --scale metres --out out", code=2, says="give --unit of the files, or --sensor")
     line = f"generate {SMALL} --limit 1 --scale metres --format pcn --sensor vlp-16 --range 9 --size 1"
     run(f"{line} --out out", code=2, says="must have all clouds of an object in one frame; got --scale metres")
+    line = line.replace("pcn", "epn3d")
+    run(f"{line} --frame camera --sample-size 2048 --out out", code=2, says="Give --scale object or mesh.")
     out = f"generate --shapes road-users --classes pedestrian --limit 1 {SMALL} --views ring:1@0 --scale metres"
     run(f"{out} --method exact --out out")
     assert 1.0 < np.ptp(records_of(tmp_path / "out")[0]["data"], axis=0).max() < 2.0

@@ -33,5 +33,8 @@ def test_splits_are_stated_and_stay(run: Run, tmp_path: Path) -> None:
     assert int(row[1]) >= 7, "the first ones are not as many of each split"
     run(f"generate meshes {small} --splits test --out three")
     assert set(split_of(tmp_path / "three").values()) == {"test"}
+    rare = "generate meshes --split 0.999998,0.000001,0.000001 --dry-run --out rare --views ring:1@20"
+    assert "30 meshes: no mesh is in val or test" in run(rare).err
+    assert "no mesh is in" not in few
     assert "sum 1" in run("generate meshes --split 0.5,0.2 --out four", code=2).err
     assert "0.8,0.1,0.1" in run("generate meshes --split most --out five", code=2).err

@@ -178,6 +178,15 @@ def test_a_sensor_covers_a_ball_in_the_best_order(run: Run, ball: Path, tmp_path
     run(f"{line.replace('pinhole', 'realsense-d435')} --set-sensor range_max=1.5", says="0.168 to 1.5 m")
 
 
+def test_a_sensor_needs_lengths_in_metres(run: Run, ball: Path, tmp_path: Path) -> None:
+    """glTF is in metres by its standard; other files need a unit."""
+    line = "--views ring:1@0 --coverage --sensor pinhole --points 100"
+    run(f"views {ball} {line}", code=2, says="give --unit of the file")
+    run(f"views {ball} {line} --unit m")
+    icosphere().export(tmp_path / "ball.glb")
+    run(f"views ball.glb {line}")
+
+
 def test_a_list_of_views_is_read_again(run: Run, ball: Path, tmp_path: Path) -> None:
     run(f"views {ball} --views random:5 --distance 2..3 --seed 4 --out a.csv")
     run(f"views {ball} --views a.csv --out b.csv")

@@ -259,6 +259,9 @@ def test_what_cannot_be_asked_is_refused() -> None:
     ):
         with pytest.raises(zo.ArgumentError, match=words):
             zo.coverage(PLATE, ABOVE, **wrong)  # type: ignore[arg-type]
+    for function in (zo.coverage, zo.visible_faces):
+        with pytest.raises(zo.ArgumentError, match="scene must be"):
+            function(3, ABOVE)  # type: ignore[arg-type]
     with pytest.raises(zo.OptionError, match="evenly spaced"):
         zo.coverage(PLATE, ABOVE, sensor="mid-40", min_density=1.0)
     with pytest.raises(zo.OptionError, match="coverage must be given its own options"):

@@ -284,7 +284,7 @@ def test_a_sensor_in_a_cameras_place() -> None:
         (lambda: zo.scan(wall(3.0), make("vlp-16"), method="vertex_hsr"), zo.OptionError, "cast rays; vertex_hsr"),
         (lambda: zo.scan(wall(3.0), make("vlp-16"), seed=-1), zo.OptionError, "seed"),
         (lambda: zo.scan(wall(3.0), 3), zo.ArgumentError, "sensor must be .*; got int"),
-        (lambda: zo.scan(3, "vlp-16"), zo.ArgumentError, "mesh must be .*; got int"),
+        (lambda: zo.scan(3, "vlp-16"), zo.ArgumentError, "scene must be .*; got int"),
         (lambda: make(3), zo.ArgumentError, "a name or a file; got int"),
         (lambda: look_at([1, 1, 1], [1, 1, 1]), zo.ArgumentError, "coincides with its target"),
         (lambda: look_at([0, 0, 0], [0, 1, 0], up=[0, 2, 0]), zo.ArgumentError, "up must not"),

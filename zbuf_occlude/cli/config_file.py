@@ -8,7 +8,9 @@ import click
 
 from zbuf_occlude.base.documents import parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, did_you_mean
-from zbuf_occlude.cli.shell import Command
+from zbuf_occlude.cli.scan_options import SCAN_OPTIONS
+from zbuf_occlude.cli.shell import Command, echo
+from zbuf_occlude.sensors.setup import SURFACE
 
 CONFIG, MESHES = "config", "meshes"
 """Name of the option with the file, and of the argument."""
@@ -19,6 +21,20 @@ OF_A_RUN = frozenset(
     | {"engine", "workers", "ray-address", "ray-gpus", "mesh-seconds", "mesh-gigabytes"}
 )
 """Options that decide how and where a dataset is made, not what it is: a manifest has none of them."""
+REPLACED = {
+    "points": ("density",),
+    "density": ("points",),
+    MESHES: ("shapes",),
+    "shapes": (MESHES, "up", "unit"),
+    "unit": ("size",),
+    "size": ("unit",),
+    "method": ("set", "complete"),
+    "complete": ("method", "set"),
+    "sensor": ("set-sensor", "set", "points", "density"),
+    "frame": ("axes",),
+    "format": ("overlap",),
+}
+"""Options of a file that do not count beside a typed option of another value: they exclude it, or were of the other."""
 
 
 class ConfigurableCommand(Command):
@@ -34,7 +50,11 @@ class ConfigurableCommand(Command):
             if isinstance(typed.get(str(parameter.name)), str | list | tuple | bool) and typed[parameter.name] != ()
         }
         if CONFIG in given:
-            given = {**read_options(Path(given.pop(CONFIG)), named), **given}
+            path = Path(given.pop(CONFIG))
+            read = read_options(path, named)
+            if idle := sorted(_replaced(read, given, named)):
+                echo(f"{path}: {', '.join(idle)} left out, for typed options replace it", err=True)
+            given = {**{name: value for name, value in read.items() if name not in idle}, **given}
             args = list(_arguments(given, named))
         context.meta[COMMAND] = {name: value for name, value in given.items() if name not in OF_A_RUN}
         return super().parse_args(context, args)
@@ -50,7 +70,8 @@ config_option = click.option(
     expose_value=False,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Options from a YAML file, or of a dataset by its manifest.json; those that are typed override them.",
+    help="Options from a YAML file, or of a dataset by its manifest.json; those that are typed override them. "
+    "Of several files the last counts.",
 )
 
 
@@ -66,11 +87,28 @@ def read_options(path: Path, named: Mapping[str, click.Parameter]) -> dict[str, 
             raise OptionError(f"{path} must have the command that made its dataset; it has none. Type the options.")
     if not isinstance(found, Mapping):
         raise OptionError(f"{path} must hold options by name, such as `views: paper100`; it holds {found!r:.40}.")
-    for name in found:
-        if name not in named or name == CONFIG:
+    for name, value in found.items():
+        if name == CONFIG:
+            raise OptionError(f"{path}: a file of options cannot name another one; got {CONFIG}. Leave it out.")
+        if name not in named:
             meant = did_you_mean(str(name).strip("-").replace("_", "-"), named)
             raise OptionError(f"{path}: an option must be one of `generate --help`; got {name!r:.40}.{meant}")
+        if value is None or str(value).lower() in ("", "~", "null"):
+            raise OptionError(f"{path}: {name} must have a value; it has none. Give one, or leave the option out.")
     return dict(found)
+
+
+def _replaced(read: Mapping[str, Any], typed: Mapping[str, Any], named: Mapping[str, click.Parameter]) -> set[str]:
+    """Return the options of a file that typed options replace (`REPLACED`), without those that are typed too."""
+    names = {
+        name
+        for option, value in typed.items()
+        if str(read.get(option)) != str(value)
+        for name in REPLACED.get(option, ())
+    }
+    if typed.get("sensor") == SURFACE:
+        names |= {name for name, each in named.items() if each.name in (*SCAN_OPTIONS[1:], "least_points")}
+    return (names & read.keys()) - typed.keys()
 
 
 def _arguments(options: Mapping[str, Any], named: Mapping[str, click.Parameter]) -> Iterator[str]:

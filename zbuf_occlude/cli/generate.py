@@ -12,7 +12,7 @@ from zbuf_occlude.base.jit.compiler import announce
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.config_file import COMMAND, ConfigurableCommand, config_option
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
-from zbuf_occlude.cli.messages import check_folder, costs, format_plan, overview, what_was_made
+from zbuf_occlude.cli.messages import check_folder, costs, format_plan, missing_splits, overview, what_was_made
 from zbuf_occlude.cli.scan_options import are_shapes_in_metres, check_sizes, overruled, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
@@ -150,7 +150,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "--split",
     type=shares_of_splits,
     metavar="TRAIN,VAL,TEST",
-    help="Shares of splits drawn by key and seed, such as 0.8,0.1,0.1; for meshes without splits.",
+    help="Shares of splits, such as 0.8,0.1,0.1, for meshes without any; each mesh is drawn by its key and the seed, "
+    "so shares are met roughly.",
 )
 @engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, callback=finite, help=LIMIT)
@@ -259,6 +260,8 @@ def generate_command(
     )
     read_as = taken_as(collection, up, unit, lengths_of(setup, unit))
     echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
+    for remark in missing_splits(collection, recipe["split"], context.params["splits"]):
+        echo(remark, err=True)
     warn_of_lying(collection, up)
     check_sizes(setup, collection)
     made = DatasetConfig(

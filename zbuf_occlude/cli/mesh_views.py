@@ -36,7 +36,7 @@ from zbuf_occlude.cli.shell import Command, echo, on_renderer
 from zbuf_occlude.datasets.plan import ATTRIBUTES
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import box_around
-from zbuf_occlude.meshes.load import load_cloud
+from zbuf_occlude.meshes.load import has_metres, load_cloud
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.inspection import Coverage
 from zbuf_occlude.sensors.inspection import coverage as measure_coverage
@@ -341,8 +341,8 @@ def views_command(
 
     "gain" is the fraction that a view sees and none above it, "together" what it and those above it see: the coverage
     of a rig. With --order the best views come first: the first rows of the CSV are a rig. Visibility is exact; the
-    sampling error is at most 0.4 % of the surface for 20,000 points. A --sensor, which needs metres, sees what is
-    within its field of view, range and incidence.
+    sampling error is at most 0.4 % of the surface for 20,000 points. A --sensor sees what is within its field of view,
+    range and incidence; it needs lengths in metres, of glTF or by --unit.
 
     \b
     Examples:
@@ -358,6 +358,8 @@ def views_command(
     if sensor is None and (idle := explicitly_set(context, ("set_sensor", "min_density"))):
         raise click.UsageError(f"{idle[0]} must go with --sensor.")
     model = None if sensor is None else parse_sensor(sensor, set_sensor)
+    if model is not None and unit is None and not has_metres(mesh):
+        raise click.UsageError("--sensor needs lengths in metres: give --unit of the file, m if it is in metres.")
     with Limits().watch():
         loaded = load_mesh(mesh, up=up, unit=unit)
     about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
@@ -409,7 +411,7 @@ def warn_of_nothing(sensor: Sensor, views: Views, min_density: float) -> None:
     dense = ", or lower --min-density" if min_density else ""
     echo(
         f"warning: {sensor.name} measures nothing of the surface. It measures at {model.range_min:g} to "
-        f"{model.range_max:g} m; the farthest view is {away:.3g} m from the centre. Change --distance, or give the "
+        f"{model.range_max:g} m; the farthest view is {away:.3g} m from the centre. Change --distance, or correct the "
         f"--unit of the file{dense}.",
         err=True,
     )

@@ -205,6 +205,19 @@ def _warnings(
     return [f"warning: {warning}" for warning in warnings]
 
 
+def missing_splits(meshes: MeshCollection, shares: Sequence[float] | None, chosen: Sequence[str] | None) -> list[str]:
+    """Return a warning of splits with a share above 0, of those chosen, that no mesh was drawn for; [] if all have."""
+    present = {entry.split for entry in meshes}
+    wanted = [
+        split for split, share in zip(SPLITS, shares or (), strict=False) if share and split in (chosen or SPLITS)
+    ]
+    lacking = [split for split in wanted if split not in present]
+    if not lacking:
+        return []
+    cure = "Raise its share in --split, give more meshes, or another --seed."
+    return [f"warning: {counted(len(meshes), 'mesh', 'meshes')}: no mesh is in {' or '.join(lacking)}. {cure}"]
+
+
 def _few(names: list[str]) -> str:
     """Return the first names of a list, and the number of others."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

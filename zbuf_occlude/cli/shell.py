@@ -123,18 +123,18 @@ LONG = 10
 WIDTH = 118
 
 PANELS = {
-    "Input": "config shapes preset up unit labels classes splits limit modelnet scans scans_up real voxels mesh_file "
-    "sydney",
+    "Input": "config shapes preset up unit labels classes splits split limit modelnet scans scans_up real voxels "
+    "mesh_file sydney",
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage order most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size complete "
     "subset overlap seed attributes seconds row_seconds reference_points",
     "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height transparent least_points "
-    "velocity turn trajectory deskew eye up_axis poses depth_unit min_density",
+    "velocity turn trajectory deskew eye target up_axis poses depth_unit min_density",
     "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
     "objects quick",
-    "Output": "out format resolution scale frame picture overwrite",
-    "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu dry_run device "
-    "mixed_precision help",
+    "Output": "out format resolution scale frame axes picture overwrite",
+    "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu retry_failed "
+    "dry_run device mixed_precision help",
 }
 """Parameters of each panel of the help; parameters in none go to the last panel."""
 

@@ -15,7 +15,9 @@ MeshLike = Any
 """Any object that `as_mesh` accepts."""
 
 
-def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, colors: bool = False) -> Mesh:
+def as_mesh(
+    mesh: MeshLike, *, up: str | None = None, unit: str | None = None, colors: bool = False, name: str = "mesh"
+) -> Mesh:
     """Return a Mesh of any supported representation.
 
     Parameters
@@ -27,6 +29,8 @@ def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, c
         Up axis, "z" or "y", and unit, "mm", "cm", "m" or "in", as in `load_mesh`.
     colors : bool
         Read base colours too, if there are any.
+    name : str
+        Name of the argument in messages.
 
     Raises
     ------
@@ -38,13 +42,13 @@ def as_mesh(mesh: MeshLike, *, up: str | None = None, unit: str | None = None, c
     if isinstance(mesh, str | os.PathLike):
         return load_mesh(mesh, up=up, unit=unit, colors=colors)
     check_frame(up, unit)
-    found = _of_object(mesh, colors)
+    found = _of_object(mesh, colors, name)
     if up in (None, "z") and unit in (None, "m"):
         return found
     return replace(found, vertices=convert_frame(found.vertices, up, unit))
 
 
-def _of_object(mesh: MeshLike, colors: bool) -> Mesh:
+def _of_object(mesh: MeshLike, colors: bool, name: str) -> Mesh:
     """Return a Mesh of an object with the attributes of one."""
     if isinstance(mesh, Mesh):
         return mesh
@@ -61,6 +65,6 @@ def _of_object(mesh: MeshLike, colors: bool) -> Mesh:
         return Mesh(np.asarray(mesh.vertices), faces, colors=found)
     hint = " Make one mesh of a scene: scene.to_mesh()." if hasattr(mesh, "to_mesh") else ""
     raise ArgumentError(
-        "mesh must be a path, a Mesh, (vertices, faces), or have vertices and faces or triangles, as those of trimesh "
-        f"and Open3D; got {type(mesh).__name__}.{hint}"
+        f"{name} must be a path, a Mesh, (vertices, faces), or have vertices and faces or triangles, as those of "
+        f"trimesh and Open3D; got {type(mesh).__name__}.{hint}"
     )

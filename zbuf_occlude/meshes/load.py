@@ -179,6 +179,11 @@ def default_up(path: Path) -> str:
     return "y" if path.suffix.lower() in _GLTF else "z"
 
 
+def has_metres(path: Path) -> bool:
+    """Return whether lengths in files of a suffix are metres: true for glTF, as its standard says."""
+    return path.suffix.lower() in _GLTF
+
+
 def _mesh_of(
     polygons: Polygons,
     polygon_colors: PolygonColors | None,

@@ -229,7 +229,7 @@ def coverage(
 def _inspected(scene: Scene | MeshLike) -> _Inspected:
     """Return the target of a scene, or a whole mesh; raise MeshError where it has no area."""
     if not isinstance(scene, Scene):
-        mesh = as_mesh(scene)  # opaque, whatever its colours
+        mesh = as_mesh(scene, name="scene")  # opaque, whatever its colours
         scene = Scene(mesh, np.zeros(len(mesh.faces), np.int32), (mesh.name,), np.zeros(1))
     whole, face_ids = scene.mesh, np.flatnonzero(scene.instances == 0).astype(np.int32)
     alone = whole if len(face_ids) == len(whole.faces) else Mesh(whole.vertices, whole.faces[face_ids], scene.labels[0])

@@ -209,7 +209,7 @@ def _scene_of(
         return scene
     if size is not None and unit is not None:
         raise ArgumentError(f"give size or unit, not both; got {size} and {unit!r}. A size needs no unit.")
-    mesh = as_mesh(scene, up=up, unit=unit, colors=transparent is not None)
+    mesh = as_mesh(scene, up=up, unit=unit, colors=transparent is not None, name="scene")
     found = Scene.from_mesh(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
     if transparent and found.transmittance is None:
         raise ArgumentError(no_transparent_material("transparent", mesh))

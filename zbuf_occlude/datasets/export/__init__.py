@@ -34,6 +34,7 @@ from zbuf_occlude.datasets.folder import (
     damaged,
     leftover_work,
     locked,
+    read_command,
     read_finished,
     read_manifest,
     recorded,
@@ -224,14 +225,17 @@ def convert(
     """
     old, manifest = read_finished(folder)
     plan = _converted(old, format)
-    about = {**manifest, "converted_from": plan.converted_from}
+    command = read_command(folder)
+    if command:  # else it was made in Python
+        command["format"] = format
+    about = {**manifest, "command": command, "converted_from": plan.converted_from}
     redrawn = None
     if find_format(old.format).whole_objects:  # draw and order are those of the new format
         redrawn = replace(old, recipe=plan.recipe, format=find_format(format).storage.name)
     source = open_dataset(folder, redrawn)
     contains_plan(plan, out)
     with locked(out):
-        claim_folder(plan, out)
+        claim_folder(plan, out, command)
         return _convert(plan, replace(source, plan=plan), out, about, progress)
 
 
@@ -353,10 +357,13 @@ def check_as_they_are(plan: Plan) -> None:
 
 def check_one_frame(plan: Plan, *, of_object: bool = True) -> None:
     """Raise OptionError unless all clouds of an object, or else the two of each view, lie in one frame."""
-    if plan.recipe.scale in ("cloud", "metres") or (of_object and plan.recipe.frame == "camera"):
+    cures = ["--scale object or mesh"] if plan.recipe.scale in ("cloud", "metres") else []
+    if of_object and plan.recipe.frame == "camera":
+        cures += ["--frame object (hdf5, packed, completion3d and epn3d keep the camera's)"]
+    if cures:
         raise OptionError(
             f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.recipe.scale} --frame "
-            f"{plan.recipe.frame}. Give --scale object{' --frame object' if of_object else ''}."
+            f"{plan.recipe.frame}. Give {', '.join(cures)}."
         )
 
 
