@@ -88,6 +88,10 @@ def test_one_cloud_in_python(root: Path, tmp_path: Path) -> None:
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
     assert model.predict(cloud) == "tall" == max(shares, key=lambda name: shares[name])
     assert model.predict(1000.0 * cloud) == "tall", "in any unit"
+    far = model.probabilities(cloud + np.array([5e5, 5.4e6, 100.0]))
+    assert far == pytest.approx(shares, abs=1e-4), "georeferenced"
+    with pytest.raises(zo.ArgumentError, match="folder must be a path; it is None"):
+        zo.load_classifier(None)  # type: ignore[arg-type]
     with pytest.raises(zo.ArgumentError, match="points must be"):
         model.predict(np.zeros((0, 3)))
     with pytest.raises(zo.ArgumentError, match="points must be finite"):
@@ -102,6 +106,8 @@ def test_classes_of_several_datasets_are_joined_by_name(run: Run, root: Path, tm
     run(f"train {root}/given more {QUICK} --epochs 1 --out model")
     assert zo.load_classifier("model", "cpu").classes == ("cube", "flat", "tall")
     assert "of 18 clouds" in run(f"evaluate model {root}/tested --device cpu").out, "fewer classes than the model"
+    said = run(f"evaluate model more {tmp_path}/more --device cpu", code=1, says="must be different folders").err
+    assert "more is given 2 times" in said
     (tmp_path / "more" / "tall").rename(tmp_path / "more" / "Tall")
     said = run(f"train {root}/given more {QUICK} --out other", code=1, says="datasets must share a class").err
     assert "more has Tall, cube, the others have flat, tall" in said
@@ -140,6 +146,10 @@ def test_crops_are_tested_by_range_and_over_sweeps(run: Run, root: Path, tmp_pat
     assert "12 crops of 6 sweeps (box table)" in outcome.out
     assert "left out: 6 of other labels" in outcome.out
     run(line, code=1, says="must be an empty folder")
+    said = run(f"{line}2 --least-points 99", code=1, says="none is left").err
+    assert "12 with fewer than 99 points, 6 of other labels" in said
+    said = run("crop boxes.csv --classes flat=Flat,rock=Rok --ground none --out crops3").err
+    assert "class rock has no box" in said
     run(f"train {root}/given crops {QUICK} --out model")
     tested = run("evaluate model crops --device cpu --out figures").out
     document = json.loads((tmp_path / "figures/evaluation.json").read_text())

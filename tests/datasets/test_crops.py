@@ -126,7 +126,9 @@ def test_near_duplicates_are_left_out(tmp_path: Path) -> None:
     assert len(crop_objects(source, distinct=0)) == 4
     assert [crop.sweep for crop in crop_objects(source, distinct=0.5)] == ["a.npy", "c.npy", "d.npy"]
     tracked = [{**row, "track": number} for number, row in enumerate(rows)]
-    assert len(crop_objects(boxes_file(tmp_path, sweeps, tracked))) == 4, "other tracks are other objects"
+    for form in ("csv", "json"):
+        of_tracks = crop_objects(boxes_file(tmp_path, sweeps, tracked, form))
+        assert [crop.box.track for crop in of_tracks] == ["0", "1", "2", "3"], "other tracks are other objects"
 
 
 def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
@@ -144,11 +146,72 @@ def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
         ({"margin": -1.0}, "margin must be a number of metres, 0 or more; got -1"),
         ({"ground": "flat"}, "ground must be a number of metres"),
         ({"range": (9, 3)}, "range must be metres"),
+        ({"range": (1,)}, r"range must be metres.*got \(1,\)"),
+        ({"range": "5..50"}, "range must be metres.*got '5..50'"),
+        ({"range": ("a", "b")}, r"range must be metres.*got \('a', 'b'\)"),
+        ({"classes": "car"}, "classes must be a dict.*it is 'car'"),
+        ({"classes": ["car"]}, r"classes must be a dict.*it is \['car'\]"),
+        ({"classes": {"car": 5}}, "a class must have a name and labels; 'car' has 5"),
+        ({"classes": {5: "Car"}}, "a class must have a name and labels; 5 has 'Car'"),
+        ({"out": 5}, "out must be a path; it is 5"),
         ({"frame": "world"}, "frame must be one of object, sensor"),
         ({"classes": {"car": []}}, "a class must have a name and labels"),
     ):
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises((zo.ArgumentError, zo.OptionError), match=words):
             crop_objects(source, **options)  # type: ignore[arg-type]
+    with pytest.raises(zo.ArgumentError, match="source must be a path; it is None"):
+        crop_objects(None)  # type: ignore[arg-type]
+
+
+def test_without_an_object_nothing_is_written_and_the_reasons_are_said(tmp_path: Path) -> None:
+    points, row, _ = scene()
+    source = boxes_file(tmp_path / "in", {"a.npy": points}, [row, {**row, "label": "Tree"}])
+    out = tmp_path / "out"
+    with pytest.raises(zo.DatasetError, match=r"none is left .*1 out of range, 1 of other labels"):
+        crop_objects(source, out, classes={"car": "Car"}, range=(100, 200))
+    assert not out.exists()
+    crop_objects(source).save(str(out))
+    assert len(list(out.glob("*/*.ply"))) == 2
+
+
+def test_a_class_without_boxes_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    points, row, _ = scene()
+    source = boxes_file(tmp_path, {"a.npy": points}, [row, {**row, "label": "Truck"}])
+    crop_objects(source, classes={"car": "Car", "truck": "Truk", "van": "C*"})
+    mistyped, taken = (record.getMessage() for record in caplog.records)
+    assert "class truck has no box" in mistyped
+    assert mistyped.endswith("Did you mean 'Truck'?")
+    assert "class van has no box" in taken
+    assert "earlier class" in taken
+    assert all(record.name.startswith("zbuf_occlude") for record in caplog.records)
+
+
+def middle(points: np.ndarray) -> np.ndarray:
+    """Return the middle of a cloud's box."""
+    return (points.min(axis=0) + points.max(axis=0)) / 2.0
+
+
+def test_a_georeferenced_cloud_keeps_its_shape(tmp_path: Path) -> None:
+    _, _, body = scene()
+    shapes = []
+    for name, shift in (("here", 0.0), ("far", np.array([5e5, 5.4e6, 100.0]))):
+        (tmp_path / name / "Car").mkdir(parents=True)
+        np.save(tmp_path / name / "Car" / "a.npy", body + shift)
+        source = open_dataset(tmp_path / name)
+        (record,) = source.take(source.order["test"])
+        shapes.append(record["data"])
+        assert np.allclose(record["centre"], middle(body) + shift, rtol=0.0, atol=1e-8)
+    assert np.allclose(*shapes, rtol=0.0, atol=1e-6)
+
+
+def test_a_row_without_its_cloud_is_named(tmp_path: Path) -> None:
+    points, row, _ = scene()
+    crop_objects(boxes_file(tmp_path / "in", {"a.npy": points}, [row, {**row, "label": "Bus"}]), tmp_path / "out")
+    np.save(tmp_path / "out/Car/mine.npy", points)
+    assert len(open_dataset(tmp_path / "out").order["test"]) == 3, "a cloud without a row has the class of its folder"
+    (tmp_path / "out/Bus/a.npy-0.ply").unlink()
+    with pytest.raises(zo.DatasetError, match=r"objects\.csv must list .*'Bus/a\.npy-0\.ply' is not there"):
+        open_dataset(tmp_path / "out")
 
 
 def test_the_folder_is_read_as_a_dataset(tmp_path: Path) -> None:
@@ -165,8 +228,9 @@ def test_the_folder_is_read_as_a_dataset(tmp_path: Path) -> None:
     records = source.take(source.order["test"])
     assert [source.plan.classes[i] for i in records["label"][:, 0]] == ["Bus", "Car"]
     for cloud in records["data"]:
-        assert np.allclose(np.sort(cloud, axis=0), np.sort(body, axis=0), atol=1e-6)
-        assert not np.allclose(cloud, body, atol=1e-3), "in random order: loaders take the first n"
+        assert np.allclose(np.sort(cloud, axis=0), np.sort(body - middle(body), axis=0), atol=1e-6)
+        assert not np.allclose(cloud, body - middle(body), atol=1e-3), "in random order: loaders take the first n"
+    assert np.allclose(records["centre"], middle(body), atol=1e-6)
     assert records["view"][:, 2] == pytest.approx(np.hypot(12, 3), rel=1e-5)
     assert source.origins == ["a.npy", "a.npy"]
     with pytest.raises(zo.DatasetError, match="must be an empty folder"):
@@ -180,8 +244,8 @@ def test_pytorch_reads_crops(tmp_path: Path) -> None:
     clouds = zo.torch.CloudDataset(tmp_path / "out", "train", n_points=64)
     cloud, label = clouds[1]
     assert (len(clouds), clouds.classes, int(label)) == (2, ["Bus", "Car"], 1)
-    rows = {tuple(point) for point in body.astype(np.float32)}
-    assert {tuple(point) for point in cloud.numpy()} <= rows
+    away = np.linalg.norm(cloud.numpy()[:, None] - (body - middle(body))[None], axis=2).min(axis=1)
+    assert away.max() < 1e-6
 
 
 def test_nuscenes(tmp_path: Path) -> None:
@@ -226,6 +290,9 @@ def test_nuscenes(tmp_path: Path) -> None:
 def test_argoverse(tmp_path: Path) -> None:
     """Boxes of the sweep's own time; the sensor is on the roof, ahead of the vehicle's origin."""
     pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
+    import pyarrow
+    from pyarrow import feather
+
     from tests.studies.paper.drives import THINGS, write_argoverse
 
     crops = crop_objects(write_argoverse(tmp_path), ground=None)
@@ -234,6 +301,11 @@ def test_argoverse(tmp_path: Path) -> None:
     assert [crop.box.track for crop in crops] == [f"track-{number}" for number in range(4)]
     assert crops[0].range == pytest.approx(np.hypot(12.0 - 1.35, 3.0), abs=1e-6)
     assert crops[0].sweep == "log-1/315966265259836000"
+    annotations = tmp_path / "val/log-1/annotations.feather"
+    table = feather.read_table(annotations).to_pydict()
+    table["category"] = ["BUS"] * len(table["category"])
+    feather.write_feather(pyarrow.table(table), annotations)
+    assert {crop.box.label for crop in crop_objects(tmp_path, ground=None)} == {"BUS"}, "read anew"
     crops.save(tmp_path / "out")
     assert (tmp_path / "out/PEDESTRIAN/log-1_315966265259836000-0.ply").exists()
 
@@ -282,6 +354,12 @@ def test_files_of_clouds(tmp_path: Path) -> None:
         ("file,label,x,y,z,length,width,height\na.npy,Car,1,2,far,4,2,1.5\n", "z in row 1 of .* must be a number"),
         ("file,label,x,y,z,length,width,height\na.npy,Car,1,2,3,-4,2,1.5\n", "length in row 1 .* from 0"),
         ("label,x,y,z,length,width,height\nCar,1,2,3,4,2,1.5\n", "file in row 1 of .* must be a line"),
+        ("file,label,x,y,z,length,width,height\n ,Car,1,2,3,4,2,1.5\n", "file in row 1 of .* must not be blank"),
+        (
+            "file,label,x,y,z,length,width,height,heading\na.npy,Car,1,2,3,4,2,1.5,0\n",
+            "has heading.* mean 'yaw'",
+        ),
+        ("file,label,x,y,z,length,width,high\na.npy,Car,1,2,3,4,2,1.5\n", "it has high.* mean 'height'"),
         ("file,label,x,y,z,length,width,height\nno.npy,Car,1,2,3,4,2,1.5\n", r"no\.npy: cannot read the points"),
     ],
 )

@@ -62,7 +62,9 @@ def crop_command(source: Path, out: Path, classes: str | None, ground: str, rang
       zbuf-occlude crop nuScenes --classes car=vehicle.car,bus=vehicle.bus.* --range 5..50 --out near
       zbuf-occlude crop boxes.csv --ground 0.15 --frame sensor --out mine
     """
-    with progress_bar(1, "sweeps", "crop") as bar:
+    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
+
+    with progress_bar(1, "sweeps", "crop") as bar, logging_redirect_tqdm():
 
         def progress(done: int, total: int) -> None:
             bar.total = total
@@ -115,11 +117,10 @@ def format_counts(crops: Crops) -> list[str]:
     sums = [sum(column) for column in zip(*counts.values(), strict=True)]
     rows = [(name, *row, sum(row)) for name, row in counts.items()]
     rows += [(counted(len(counts), "class", "classes"), *sums, sum(sums))] if len(counts) > 1 else []
-    width = max(len("class"), *(len(str(row[0])) for row in rows)) if rows else 0
+    width = max(len("class"), *(len(str(row[0])) for row in rows))
     lines = [
         f"{name!s:{width}}" + "".join(f"{value:>10}" for value in values)
-        for name, *values in ([("class", *ranges, "all"), *rows] if rows else [])
+        for name, *values in [("class", *ranges, "all"), *rows]
     ]
-    reasons = ", ".join(f"{n} {reason}" for reason, n in crops.left_out.most_common())
     lines.append(f"{counted(len(crops), 'crop')} of {counted(crops.n_sweeps, 'sweep')} ({crops.layout})")
-    return [*lines, f"left out: {reasons}"] if reasons else lines
+    return [*lines, f"left out: {crops.reasons}"] if crops.reasons else lines

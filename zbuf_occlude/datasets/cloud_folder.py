@@ -3,6 +3,7 @@
     CLASS/FILE, or SPLIT/CLASS/FILE     .ply, .pcd, .bin, .npy, .npz, in metres or any unit
     objects.csv                         optional: file, class, sweep, range and so on of each cloud
 
+A cloud without a row has the class of its folder, and no known sensor. A row without its cloud is an error.
 A folder without split folders is one set: train and test are both all of it.
 """
 
@@ -41,13 +42,20 @@ def cloud_files(folder: Path) -> list[Path]:
 class CloudFolder:
     """Clouds of a folder as records of a dataset.
 
-    Raises DatasetError where files lie neither in CLASS nor in SPLIT/CLASS, or objects.csv cannot be read.
+    Raises DatasetError where files lie neither in CLASS nor in SPLIT/CLASS, or where objects.csv cannot be read or
+    names a file that is gone.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.paths = folder, cloud_files(folder)
         self.about = _read_table(folder)
         entries = [self._entry(path) for path in self.paths]
+        if gone := sorted(set(self.about) - {entry.key for entry in entries}):
+            several = f" and {len(gone) - 1} more" if len(gone) > 1 else ""
+            raise DatasetError(
+                f"{folder / OBJECTS} must list clouds of its folder; {gone[0]!r}{several} is not there. "
+                "Copy the clouds again, or delete their rows."
+            )
         self.plan = Plan(MeshCollection(entries), _RECIPE, "ply")
         numbers = np.arange(len(entries))
         if any(len(path.relative_to(folder).parts) == 3 for path in self.paths):
@@ -75,13 +83,17 @@ class CloudFolder:
         return [self.about.get(key, {}).get("sweep") or f"{self.folder.absolute()}/{key}" for key in keys]
 
     def take(self, numbers: Numbers) -> Records:
-        """Return the records of some clouds; their points are in random order, unknown views NaN."""
+        """Return the records of some clouds; their points are in random order, unknown views NaN.
+
+        The middle of the box of each is its `centre`: float32 would round the shape of a georeferenced cloud.
+        """
         records = np.zeros(len(numbers), record_type(_RECIPE))
         for row, number in enumerate(numbers.tolist()):
             entry = self.plan.meshes[number]
             points = read_points(self.paths[number])
             rng = np.random.default_rng(seed_of(0, entry.key))
-            records["data"][row] = rng.permutation(points).astype(np.float32)
+            records["centre"][row] = (points.min(axis=0) + points.max(axis=0)) / 2.0
+            records["data"][row] = rng.permutation(points - records["centre"][row]).astype(np.float32)
             records["face_ids"][row] = np.full(len(points), -1, np.int32)
             records["label"][row] = self.plan.classes.index(entry.label)
             records["mesh_id"][row], records["n_visible"][row] = number, len(points)

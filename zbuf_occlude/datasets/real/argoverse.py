@@ -41,7 +41,7 @@ def find(root: Path) -> list[Loader]:
 def read_argoverse(path: Path) -> Sweep:
     """Read the sweep of a file of points named by its time."""
     log = path.parents[2]
-    annotations = _annotations(log / ANNOTATIONS)
+    annotations = _annotations(log / ANNOTATIONS, _version(log / ANNOTATIONS))
     columns = _table(path, ("x", "y", "z"))
     points = np.stack([columns[name] for name in "xyz"], axis=1)
     try:
@@ -65,12 +65,18 @@ def read_argoverse(path: Path) -> Sweep:
     return Sweep(f"{log.name}/{path.stem}", points, boxes, _place_of_lidars(log / CALIBRATION))
 
 
+def _version(path: Path) -> tuple[int, int]:
+    """Return the size and the time of change of a file, in nanoseconds; zeros where it is missing."""
+    status = path.stat() if path.exists() else None
+    return (status.st_size, status.st_mtime_ns) if status else (0, 0)
+
+
 @lru_cache(maxsize=1)
-def _annotations(path: Path) -> dict[str, NDArray[Any]]:
+def _annotations(path: Path, version: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """Return the boxes of a log, kept for its next sweep: a file of another version is read anew."""
     return _table(path, ("timestamp_ns", "category", "track_uuid", *_BOX))
 
 
-@lru_cache(maxsize=1)
 def _place_of_lidars(path: Path) -> FloatArray:
     """Return the middle (3,) of a log's two LiDARs in the vehicle's frame."""
     if not path.exists():

@@ -8,10 +8,12 @@ A class is a folder, so every tool that reads clouds by class reads crops; `data
 
 import csv
 import io
+import logging
 import math
+import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -21,8 +23,17 @@ from typing import Any, Literal
 import numpy as np
 
 from zbuf_occlude.base import atomic
-from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_number
-from zbuf_occlude.base.errors import DatasetError, OptionError, check_choice, check_int, did_you_mean, escape_control
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_array, as_number
+from zbuf_occlude.base.errors import (
+    ArgumentError,
+    DatasetError,
+    OptionError,
+    check_choice,
+    check_int,
+    did_you_mean,
+    escape_control,
+    shown,
+)
 from zbuf_occlude.base.point_files import write_table
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.real.sweeps import LabelledBox, Sweep, find_sweeps
@@ -56,6 +67,7 @@ OTHER_LABELS = "of other labels"
 
 Classes = Mapping[str, Sequence[str]]
 Ground = float | Literal["fit"] | None
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +141,21 @@ class Crops(Sequence[Crop]):
         ends = [(EDGES[place], EDGES[place + 1]) for place in used]
         return [f"{low:g}-{high:g} m" if math.isfinite(high) else f"{low:g} m-" for low, high in ends], found
 
-    def save(self, out: Path) -> None:
-        """Write the clouds and objects.csv into a folder, which must be empty or missing; a DatasetError otherwise.
+    @property
+    def reasons(self) -> str:
+        """Number of boxes left out for each reason, as text."""
+        return ", ".join(f"{n} {reason}" for reason, n in self.left_out.most_common())
 
-        The table is written last: a folder without it is unfinished.
+    def save(self, out: str | Path) -> None:
+        """Write the clouds and objects.csv into a folder, which must be empty or missing.
+
+        The table is written last: a folder without it is unfinished. Raises DatasetError where the folder holds files,
+        or where there is no crop.
         """
+        if not self.objects:
+            left_out = f"left out: {self.reasons}" if self.left_out else "the sweeps have no labelled boxes"
+            raise DatasetError(f"there must be an object to write; none is left ({left_out}). Choose wider options.")
+        out = Path(out)
         check_empty(out)
         text, taken = io.StringIO(newline=""), Counter[str]()
         table = csv.DictWriter(text, FIELDS, lineterminator="\n")
@@ -214,9 +236,10 @@ def crop_objects(
     Raises
     ------
     DatasetError
-        The source has no known layout, no sweep can be read, or the folder is not empty.
+        The source has no known layout, no sweep can be read, the folder is not empty, or there is no crop to write.
     OptionError
-        A value is out of range, or no label of the sweeps is in a class.
+        A value is out of range, or no label of the sweeps is in a class. A single class without a label of the sweeps
+        is a warning of the logger ``zbuf_occlude``.
     UnavailableError
         A package that reads the layout is missing.
 
@@ -229,6 +252,9 @@ def crop_objects(
     >>> crop.class_name, len(crop.points)
     ('Car', 500)
     """
+    for name, place in (("source", source), ("out", out)):
+        if not isinstance(place, str | os.PathLike) and (name == "source" or place is not None):
+            raise ArgumentError(f"{name} must be a path; it is {shown(place)}.")
     cutter = _Cutter(_checked_classes(classes), least_points, margin, ground, range, frame, distinct)
     if out is not None:
         check_empty(Path(out))
@@ -253,6 +279,7 @@ def crop_objects(
             f"a class must have a label of {source}: {', '.join(sorted(labels))}; got {', '.join(wanted)}."
             f"{did_you_mean(wanted[0], labels)}"
         )
+    cutter.warn_of_empty_classes(labels)
     found = Crops(layout.name, objects, cutter.left_out, len(loaders) - len(failures), failures)
     if out is not None:
         found.save(Path(out))
@@ -281,9 +308,7 @@ class _Cutter:
         self.classes, self.least_points, self.frame = classes, least_points, frame
         self.margin, self.distinct = metres("margin", margin), metres("distinct", distinct)
         self.ground: Ground = ground if ground is None or ground == FIT else metres("ground", ground)
-        self.low, self.high = (0.0, math.inf) if range is None else (float(range[0]), float(range[1]))
-        if not 0.0 <= self.low < self.high:
-            raise OptionError(f"range must be metres A..B with 0 <= A < B; got {self.low:g}..{self.high:g}.")
+        self.low, self.high = (0.0, math.inf) if range is None else _checked_range(range)
         self.left_out = Counter[str]()
         self.seen = defaultdict[tuple[Any, ...], list[tuple[str, FloatArray]]](list)
 
@@ -315,6 +340,17 @@ class _Cutter:
             return label
         names = (name for name, labels in self.classes.items() if any(fnmatchcase(label, each) for each in labels))
         return next(names, None)
+
+    def warn_of_empty_classes(self, labels: Collection[str]) -> None:
+        """Log a warning for each class that has none of the labels of the sweeps."""
+        used = set(map(self.class_of, labels))
+        for name, wanted in self.classes.items() if labels else ():
+            if name not in used:
+                said = (
+                    f"class {name} has no box: the sweeps do not have {', '.join(wanted)}, or an earlier class takes "
+                    f"it. Their labels are {', '.join(sorted(labels))}."
+                )
+                _LOG.warning("%s%s", escape_control(said), did_you_mean(wanted[0], set(labels) - set(wanted)))
 
     def is_in(self, box: LabelledBox, points: FloatArray) -> BoolArray:
         """Return which points (n, 3) are the object's."""
@@ -372,10 +408,21 @@ def ground_below(local: FloatArray, size: FloatArray) -> FloatArray:
 
 def _checked_classes(classes: Mapping[str, str | Sequence[str]] | None) -> Classes:
     """Return the labels of each class; raise OptionError for a class without a name or labels."""
+    if not isinstance(classes, Mapping | None):
+        raise OptionError(f"classes must be a dict of the labels of each class; it is {shown(classes)}.")
     found = {}
     for name, labels in (classes or {}).items():
-        several = [labels] if isinstance(labels, str) else list(labels)
-        if not name or not several or not all(isinstance(each, str) and each for each in several):
-            raise OptionError(f"a class must have a name and labels; {escape_control(str(name))!r} has {labels!r}.")
+        several = [labels] if isinstance(labels, str) else list(labels) if isinstance(labels, Collection) else []
+        named = isinstance(name, str) and name
+        if not named or not several or not all(isinstance(each, str) and each for each in several):
+            raise OptionError(f"a class must have a name and labels; {shown(name)} has {shown(labels)}.")
         found[name] = several
     return found
+
+
+def _checked_range(span: tuple[float, float]) -> tuple[float, float]:
+    """Return the least and the largest distance; raise OptionError where they are not two numbers in order."""
+    numbers = as_array(span, "range", "metres A..B")
+    if numbers.shape != (2,) or numbers.dtype.kind not in "fiu" or not 0.0 <= numbers[0] < numbers[1]:
+        raise OptionError(f"range must be metres A..B, two numbers with 0 <= A < B; got {shown(span)}.")
+    return float(numbers[0]), float(numbers[1])

@@ -1,5 +1,6 @@
 """Labelled clouds of equal size in memory, to train and to test classifiers."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import reduce
@@ -156,8 +157,12 @@ def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> 
     The classes are the union by name. All clouds have the least size of them; where all are of unequal size, `ragged`
     points. Clouds of one object, or of one sweep, have one group id in all datasets.
 
-    Raises DatasetError as `load_clouds` does, and where a dataset shares no class with those before it.
+    Raises DatasetError as `load_clouds` does, where a folder is given twice, and where a dataset shares no class with
+    those before it.
     """
+    for folder, times in Counter(folder.resolve() for folder in folders).items():
+        if times > 1:
+            raise DatasetError(f"datasets must be different folders; {folder} is given {times} times. Give it once.")
     readers = [open_dataset(folder) for folder in folders]
     sizes = [size for reader in readers if (size := reader.plan.recipe.sample_size) is not None]
     sets = [load_clouds(folder, split, min(sizes, default=ragged)) for folder in folders]

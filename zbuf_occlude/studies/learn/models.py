@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zbuf_occlude.base.errors import OptionError
+from zbuf_occlude.base.errors import ArgumentError, OptionError, shown
 from zbuf_occlude.base.extras import importing
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ def load_classifier(folder: str | os.PathLike[str], device: str = "auto") -> "Tr
 
     Raises
     ------
+    ArgumentError
+        The folder is no path.
     DatasetError
         The folder has no model, or its file is damaged.
     UnavailableError
@@ -85,6 +87,8 @@ def load_classifier(folder: str | os.PathLike[str], device: str = "auto") -> "Tr
     >>> model.predict(zo.occlude("chair.off", azimuth=30, elevation=20, n_points=256).points)
     'chair'
     """
+    if not isinstance(folder, str | os.PathLike):
+        raise ArgumentError(f"folder must be a path; it is {shown(folder)}.")
     require_torch()
     from zbuf_occlude.studies.learn.training import load_trained  # late: imports PyTorch
 

@@ -149,6 +149,7 @@ class Trained:
         cloud = as_vectors(points, "points")
         if not len(cloud):
             raise ArgumentError("points must be (n, 3), n at least 1; there are none.")
+        cloud = cloud - (cloud.min(axis=0) + cloud.max(axis=0)) / 2.0  # in float64: the networks' float32 would round
         shuffled = np.random.default_rng(self.config.seed).permutation(cloud)
         shuffled = pad_or_truncate(shuffled, self.n_points)
         unknown = np.array([np.nan])
