@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, write_off
+from tests.scenes import box
 from tests.test_light_import import run as run_program
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
@@ -123,3 +124,37 @@ def test_without_torch_help_teaches_and_the_rest_names_the_extra(command: str) -
     assert "the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
     assert answer.endswith("exit 1")
     assert len(answer.splitlines()) == 2
+
+
+def test_the_number_of_points_is_that_of_the_training(
+    run: Run, modelnet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without --points too: others would be other clouds than the network knows."""
+    import zbuf_occlude as zo
+    from zbuf_occlude.studies.learn import evaluation, training
+
+    run(f"generate {modelnet} {SMALL} --out clouds")
+    run(f"generate {modelnet} {SMALL} --sample-size 60 --out larger")
+    run(f"train clouds {QUICK} --epochs 1 --model pointnet --out model")
+    sizes = []
+    predict = evaluation.predict
+    for module in (training, __import__("zbuf_occlude.studies.learn.breakdown", fromlist=["predict"])):
+        monkeypatch.setattr(module, "predict", lambda model, each: sizes.append(each.n_points) or predict(model, each))
+    run("evaluate model larger --device cpu")
+    zo.load_classifier("model").predict(np.random.default_rng(0).normal(size=(700, 3)))
+    assert sizes == [48, 48]
+
+
+def test_objects_in_train_of_one_and_test_of_another_are_said(run: Run, tmp_path: Path) -> None:
+    ball = box()
+    for label in ("ball", "brick"):
+        for number in range(12):
+            write_off(tmp_path / "plain" / label / f"{number}.off", ball.vertices, ball.faces)
+    for seed in (1, 2):
+        run(f"generate plain {SMALL} --split 0.5,0,0.5 --seed {seed} --out clouds{seed}")
+    plans = [json.loads((tmp_path / f"clouds{seed}/plan.json").read_text())["meshes"] for seed in (1, 2)]
+    parts = [{split: {key for key, _, at, *_ in plan if at == split} for split in ("train", "test")} for plan in plans]
+    shared = (parts[0]["test"] & parts[1]["train"]) | (parts[1]["test"] & parts[0]["train"])
+    n = len(parts[0]["test"] | parts[1]["test"])
+    run(f"train clouds1 clouds2 {QUICK} --epochs 1 --out model", says=f"warning: {len(shared)} of {n} objects of test")
+    assert "warning" not in run(f"train clouds1 {QUICK} --epochs 1 --out alone").err

@@ -11,7 +11,7 @@ from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import Command, Name, counted, echo, progress_bar
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import SPLITS
-from zbuf_occlude.studies.learn.data import RAGGED, load_datasets
+from zbuf_occlude.studies.learn.data import RAGGED, load_datasets, shared_objects
 from zbuf_occlude.studies.learn.models import MODELS, require_torch
 
 if TYPE_CHECKING:
@@ -77,6 +77,12 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
+    for split, n_shared, n_objects in shared_objects(folders):
+        echo(
+            f"warning: {n_shared} of {counted(n_objects, 'object')} of {split} are in train too, of another DIR: "
+            "scores will be too high. Generate both with the same --split and --seed.",
+            err=True,
+        )
     meshes = [entry for folder in folders for entry in open_dataset(folder).plan.meshes]
     tested = {"val": validation.labelled, "test": sorted({e.label for e in meshes if e.split == "test"})}
     for split, labels in tested.items():
@@ -134,9 +140,9 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
     from zbuf_occlude.studies.learn.training import load_trained
 
     trained = load_trained(model, device)
-    n_points, seed = trained.config.n_points, trained.config.seed
-    test = load_datasets(folders, split, n_points or RAGGED)
-    if n_points is not None and n_points > test.n_points:
+    n_points, seed = trained.n_points, trained.config.seed
+    test = load_datasets(folders, split, n_points)
+    if n_points > test.n_points:
         raise DatasetError(
             f"clouds must have at least the {n_points} points that the model was trained with; those of DIR have "
             f"{test.n_points}. Generate them with --sample-size {n_points}."
@@ -148,7 +154,7 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
             "these datasets."
         )
     test = test.with_classes(trained.classes)
-    answers = Answers.of_model(trained.model, test if n_points is None else test.select_points(n_points, seed))
+    answers = Answers.of_model(trained.model, test.select_points(n_points, seed))
     out = model if out is None else out
     answers.write(out)
     for line in format_answers(answers):

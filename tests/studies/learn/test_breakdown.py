@@ -75,3 +75,9 @@ def test_what_is_undefined(tmp_path: Path) -> None:
     document = json.loads((tmp_path / "evaluation.json").read_text())
     assert document["scores"]["accuracy"] == [None, None, None]
     assert document["n_groups"] == 0
+
+
+def test_samples_without_a_class_say_nothing_of_its_recall() -> None:
+    """One answer for all has a mean recall of a half by construction, also where one sweep alone has a bike."""
+    found = answers([0, *[1] * 8], [1] * 9)
+    assert found.scores()["recall"][:3] == (0.5, 0.5, 0.5)

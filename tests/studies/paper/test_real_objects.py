@@ -14,7 +14,7 @@ pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zb
 from tests.studies.paper import light  # noqa: E402
 from tests.studies.paper.drives import write_kitti  # noqa: E402
 from tests.studies.paper.hand_made import TINY  # noqa: E402
-from zbuf_occlude.base.errors import OptionError  # noqa: E402
+from zbuf_occlude.base.errors import DatasetError, OptionError  # noqa: E402
 from zbuf_occlude.cli.experiment import experiment_named  # noqa: E402
 from zbuf_occlude.studies.learn.evaluation import Confusion  # noqa: E402
 from zbuf_occlude.studies.paper.design import REAL, REAL_OBJECTS, SIMULATED  # noqa: E402
@@ -104,3 +104,13 @@ def test_table_has_a_row_for_each_model_and_training_set(study: Path) -> None:
     table = table_real(read_results(study), read_study(study)[REAL])
     assert len(table.rows) == len(RECIPES)
     assert "1 car" in table.note
+
+
+def test_another_drive_and_one_without_objects_are_refused(study: Path, tmp_path: Path) -> None:
+    """Else the objects of the first would be tested again, as if they were the second's."""
+    with pytest.raises(DatasetError, match="study of the drive"):
+        run_study(study, SMALL, experiments=[REAL], real=write_kitti(tmp_path / "other"), workers=1)
+    empty = write_kitti(tmp_path / "empty")
+    next(empty.rglob("label_2/*.txt")).write_text("DontCare -1 -1 -10 1 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n")
+    with pytest.raises(DatasetError, match="no object"):
+        run_study(tmp_path / "study", SMALL, experiments=[REAL], real=empty, workers=1)

@@ -30,8 +30,8 @@ class OnTheFlyPairs:
     -----
     Called with a mesh, and for scans its class, as `partial` is; returns (partial, complete, pose): float32 tensors
     (n, 3), (n_complete, 3) and (4, 4), in the frames of `CompletionPairs`. With ``scale="cloud"``, the default, the
-    whole object is centred and its longest side 1; with "mesh" it keeps its size, of scans metres about the middle of
-    its box. Randomness comes from torch's default generator.
+    whole object is centred and its longest side 1; with "metres" or "mesh" it keeps its size, of scans metres about the
+    middle of its box. Randomness comes from torch's default generator.
 
     Examples
     --------

@@ -111,6 +111,8 @@ class Answers:
             drawn_groups = np.random.default_rng(0).integers(n, size=(DRAWS, n)) + n * np.arange(DRAWS)[:, None]
             times = np.bincount(drawn_groups.ravel(), minlength=DRAWS * n).reshape(DRAWS, n).astype(np.float64)
             drawn = _figures(*(times @ each for each in sums))
+            lacking = ((times @ sums[1]) == 0.0)[:, sums[1].any(axis=0)].any(axis=1)
+            drawn[1:, lacking] = np.nan  # a mean over other classes is another score
             tail = (1.0 - LEVEL) / 2.0
             low, high = (np.array([_quantile(row, share) for row in drawn]) for share in (tail, 1.0 - tail))
             bound = tail ** (1.0 / n)

@@ -1,6 +1,6 @@
 """Labelled clouds of equal size in memory, to train and to test classifiers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import reduce
 from pathlib import Path
@@ -14,6 +14,7 @@ from zbuf_occlude.base.atomic import reading
 from zbuf_occlude.base.errors import ArgumentError, DatasetError
 from zbuf_occlude.datasets.records import pad_or_truncate
 from zbuf_occlude.datasets.source import CloudReader, open_dataset
+from zbuf_occlude.meshes.collection import SPLITS
 
 _CLOUDS_AT_ONCE = 2048
 RAGGED = 1024
@@ -177,6 +178,18 @@ def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> 
         for clouds, each in zip(sets, origins, strict=True)
     ]
     return reduce(CloudSet.concatenate, joined)
+
+
+def shared_objects(folders: Sequence[Path]) -> Iterator[tuple[str, int, int]]:
+    """Yield each split with objects that another dataset has in train: its name, their number, and that of all."""
+    plans = [reader.plan for reader in map(open_dataset, folders) if reader.sweeps is None]
+    keys = [{split: {e.key for e in plan.meshes if e.split == split} for split in SPLITS} for plan in plans]
+    for split in SPLITS[1:]:
+        shared = {
+            key for mine in keys for theirs in keys if theirs is not mine for key in mine[split] & theirs["train"]
+        }
+        if shared:
+            yield split, len(shared), len(set().union(*(mine[split] for mine in keys)))
 
 
 def _origins(reader: CloudReader) -> list[str]:

@@ -148,7 +148,7 @@ def predict(model: "Classifier", clouds: CloudSet) -> NDArray[np.float32]:
     model.eval()
     logits = [np.empty((0, model.n_classes), dtype=np.float32)]
     with torch.inference_mode():
-        for part in torch.from_numpy(clouds.positions).split(BATCH):
+        for part in torch.from_numpy(clouds.positions).split(BATCH) if len(clouds) else ():
             logits.append(model(model.normalise(part.to(device))).float().cpu().numpy())
     model.train(was_training)
     return np.concatenate(logits)

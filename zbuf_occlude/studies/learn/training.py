@@ -117,6 +117,7 @@ class Trained:
     model: Classifier  # with the weights of the best epoch, in evaluation mode
     config: TrainConfig
     classes: tuple[str, ...]
+    n_points: int  # of each cloud of the training
     history: tuple[Epoch, ...]
     best: Epoch
     seconds: float  # spent training and validating, in all runs together
@@ -149,7 +150,7 @@ class Trained:
         if not len(cloud):
             raise ArgumentError("points must be (n, 3), n at least 1; there are none.")
         shuffled = np.random.default_rng(self.config.seed).permutation(cloud)
-        shuffled = shuffled if self.config.n_points is None else pad_or_truncate(shuffled, self.config.n_points)
+        shuffled = pad_or_truncate(shuffled, self.n_points)
         unknown = np.array([np.nan])
         logits = predict(
             self.model,
@@ -217,7 +218,7 @@ def train(
                 if time.monotonic() - written >= checkpoint_seconds and not run.done:
                     _write(folder / CHECKPOINT, finished | about)
                     written = time.monotonic()
-            about |= {"classes": list(training.classes)}
+            about |= {"classes": list(training.classes), "n_points": training.n_points}
             about |= {name: finished[name] for name in ("history", "best", "seconds")}
             atomic.write_json(folder / HISTORY, about)
             # last: the presence of this file marks the training as finished
@@ -474,5 +475,5 @@ def load_trained(folder: Path, device: str = "auto") -> Trained:
             model = find_model(config.model).build(len(classes))
         model.load_state_dict(document["weights"])
         history = tuple(Epoch(**epoch) for epoch in document["history"])
-        best, seconds = Epoch(**document["best"]), float(document["seconds"])
-    return Trained(model.to(where).eval(), config, classes, history, best, seconds)
+        best, seconds, n_points = Epoch(**document["best"]), float(document["seconds"]), int(document["n_points"])
+    return Trained(model.to(where).eval(), config, classes, n_points, history, best, seconds)

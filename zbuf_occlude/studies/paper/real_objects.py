@@ -4,6 +4,7 @@ Road users of the built-in shapes are made into complete clouds, occluded ones a
 that are trained on them are tested on the labelled objects of real sweeps, and on simulated scans held out.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial, reduce
@@ -62,6 +63,8 @@ MERGED = {"bus": "truck"}
 """Classes of the shapes that are part of another one here."""
 BANDS = ((5.0, 20.0), (20.0, 35.0), (35.0, 50.0))
 """Ranges by which the answers about real objects are told apart, metres."""
+ABOUT = "drive.json"
+"""File that names the drive of the crops."""
 SHOWN = 4
 """Real and simulated clouds of each class in the picture."""
 DRAWN_FROM = np.array([9.0, -12.0, 4.0])
@@ -122,13 +125,31 @@ class RealObjects(Experiment):
 
     def make_datasets(self, progress: Callable[[int], None]) -> dict[str, str]:
         """Make the datasets, the crops of the real objects, and the picture of both; as `Experiment.make_datasets`."""
-        if not (self.crops / OBJECTS).exists():  # first: errors of the sweeps show before hours of work
-            classes = {name: list(labels) for name, labels in CLASSES.items()}
-            crop_objects(self.real, self.crops, classes=classes, least_points=LEAST_POINTS, range=RANGE)
-        failures = super().make_datasets(progress)
+        failures = self._crop()  # first: hours of work follow
+        failures |= super().make_datasets(progress)
         picture = picture_of_objects(self.tested(), self.simulated("test"))
         atomic.write(self.folder / REAL_PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
         return failures
+
+    def _crop(self) -> dict[str, str]:
+        """Crop the real objects, unless they are there; return the sweeps that could not be read, with the reasons.
+
+        Raises DatasetError where the crops are of another drive, or there is no object.
+        """
+        about = {"drive": str(self.real.absolute())}
+        if (self.crops / OBJECTS).exists():
+            if (there := json.loads((self.crops / ABOUT).read_text(encoding="utf-8"))["drive"]) != about["drive"]:
+                raise DatasetError(
+                    f"{self.folder} must be a study of the drive {there}; got {self.real}. Choose another folder."
+                )
+            return {}
+        classes = {name: list(labels) for name, labels in CLASSES.items()}
+        crops = crop_objects(self.real, classes=classes, least_points=LEAST_POINTS, range=RANGE)
+        if not len(crops):
+            raise DatasetError(f"{self.real} has no object of {', '.join(CLASSES)} with {LEAST_POINTS} points.")
+        crops.save(self.crops)
+        atomic.write_json(self.crops / ABOUT, about)
+        return {f"unreadable sweep {number}": why for number, why in enumerate(crops.failures, 1)}
 
     def training(self, name: str, azimuths: str, scale: str, split: str) -> CloudSet:
         """Return the clouds of a training set, one of `SETS`, and a split; positions are metres.
@@ -191,10 +212,7 @@ class RealObjects(Experiment):
 @lru_cache(1)
 def _read_crops(folder: Path, n_points: int) -> CloudSet:
     """Read the real objects as clouds of equal size, metres."""
-    clouds = load_clouds(folder, "test", n_points)
-    if not len(clouds):
-        raise DatasetError(f"The sweeps have no object of {', '.join(CLASSES)} with {LEAST_POINTS} points.")
-    return clouds
+    return load_clouds(folder, "test", n_points)
 
 
 def picture_of_objects(real: CloudSet, simulated: CloudSet) -> Figure:
