@@ -81,7 +81,7 @@ SETS = {
 RECIPES = (
     *((name, ALL_AROUND, "cloud") for name in SETS),
     (LIDAR, DRIVE, "cloud"),
-    (LIDAR, ALL_AROUND, "metres"),
+    *((name, ALL_AROUND, "metres") for name in (COMPLETE, OCCLUDED, LIDAR)),
     (LIDAR, DRIVE, "metres"),
 )
 """Training sets with the azimuths of the scans, and the scale of the clouds."""
@@ -136,9 +136,9 @@ class RealObjects(Experiment):
 
         Raises DatasetError where the crops are of another drive, or there is no object.
         """
-        about = {"drive": str(self.real.absolute())}
+        about, path = {"drive": str(self.real.absolute())}, self.crops.with_name(ABOUT)
         if (self.crops / OBJECTS).exists():
-            if (there := json.loads((self.crops / ABOUT).read_text(encoding="utf-8"))["drive"]) != about["drive"]:
+            if (there := json.loads(path.read_text(encoding="utf-8"))["drive"]) != about["drive"]:
                 raise DatasetError(
                     f"{self.folder} must be a study of the drive {there}; got {self.real}. Choose another folder."
                 )
@@ -147,8 +147,9 @@ class RealObjects(Experiment):
         crops = crop_objects(self.real, classes=classes, least_points=LEAST_POINTS, range=RANGE)
         if not len(crops):
             raise DatasetError(f"{self.real} has no object of {', '.join(CLASSES)} with {LEAST_POINTS} points.")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write_json(path, about)
         crops.save(self.crops)
-        atomic.write_json(self.crops / ABOUT, about)
         return {f"unreadable sweep {number}": why for number, why in enumerate(crops.failures, 1)}
 
     def training(self, name: str, azimuths: str, scale: str, split: str) -> CloudSet:

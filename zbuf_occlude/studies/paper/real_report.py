@@ -51,7 +51,7 @@ def recipes_of(results: Sequence[Result]) -> list[tuple[str, str, str]]:
     """Return the training sets, azimuths and scales of results, in the order of the experiment."""
     found = {tuple(result.facts[name] for name in ("trained_on", "azimuths", "scale")) for result in results}
     order = [*((name, ALL_AROUND, "cloud") for name in WORDS), (LIDAR, DRIVE, "cloud")]
-    order += [(LIDAR, ALL_AROUND, "metres"), (LIDAR, DRIVE, "metres")]
+    order += [*((name, ALL_AROUND, "metres") for name in WORDS), (LIDAR, DRIVE, "metres")]
     return [recipe for recipe in order if recipe in found]
 
 
@@ -129,6 +129,7 @@ def table_by_range(results: Sequence[Result]) -> Table:
     """Return the table of mean recall by range, of each model's best training set."""
     mine = select_results(results, REAL)
     names = [name for name in mine[0].tests if name.startswith(f"{REAL_OBJECTS} ")]
+    names.sort(key=lambda name: float(name.removeprefix(REAL_OBJECTS).partition("-")[0]))
     counts = [mine[0].tests[name].n_clouds for name in names]
     body = []
     for model in models_of(mine, REAL):
@@ -163,7 +164,8 @@ def plot_confusions(results: Sequence[Result]) -> Figure:
     """Plot the answers about real objects of each model's best training set: fractions of each class, all seeds."""
     mine = select_results(results, REAL)
     models = models_of(mine, REAL)
-    figure, panels = canvas(4.2 * len(models), 4.4, len(models))
+    figure, panels = canvas(4.2 * len(models), 4.6, len(models))
+    figure.set_layout_engine("constrained")  # titles of two lines
     for panel, model in zip(panels, models, strict=True):
         recipe = best_recipe(mine, model)
         tests = [row.tests[REAL_OBJECTS] for row in rows_of(mine, model, recipe)]
