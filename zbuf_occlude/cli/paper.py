@@ -56,8 +56,8 @@ class PaperGroup(CommandGroup):
 def paper_command() -> None:
     """Repeat the paper's tables, figures and experiments with classifiers.
 
-    The paper: Sryamkin, Msallam, Klestov, A method to create real-like point clouds for 3D object classification (2023).
-    HSR is its hidden-surface removal; numbers such as 4.2 are its sections.
+    The paper: Sryamkin, Msallam, Klestov, A method to create real-like point clouds for 3D object classification,
+    2023. HSR is its hidden-surface removal; numbers such as 4.2 are its sections.
     """
 
 

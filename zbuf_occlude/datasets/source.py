@@ -110,10 +110,10 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
 def open_to_show(folder: Path) -> CloudReader:
     """Return the clouds of a complete dataset as `open_dataset`, or those of a layout of completion, z up again."""
     plan, manifest = read_finished(folder)
-    module = find_format(plan.format).load()
-    if not hasattr(module, "read"):
+    read = getattr(find_format(plan.format).load(), "read", None)
+    if read is None:
         raise _not_read_back(folder, plan)
-    return _checked(folder, module.read(folder, plan, manifest["files"]), manifest)
+    return _checked(folder, read(folder, plan, manifest["files"]), manifest)
 
 
 def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
