@@ -78,7 +78,7 @@ def _sides(draw: Draw, label: str) -> tuple[float, float, float]:
 GLASS = (0.05, 1.0)
 """Range of the factor on the albedo by which windows scatter light back, its logarithm uniform over members: dark glass
 mirrors light away and absorbs it, behind clear glass seats are seen. Fitted to the cars of four KITTI sweeps
-(docs/real_scans.md)."""
+(docs/real_drives.md)."""
 BODY = Material((0.485, 0.485, 0.485), name="body")
 """Everything else: luminance 0.2, the typical albedo of objects in scans."""
 
