@@ -17,8 +17,8 @@ from tests.studies.paper.hand_made import TINY  # noqa: E402
 from zbuf_occlude.base.errors import DatasetError, OptionError  # noqa: E402
 from zbuf_occlude.cli.experiment import experiment_named  # noqa: E402
 from zbuf_occlude.studies.learn.evaluation import Confusion  # noqa: E402
-from zbuf_occlude.studies.paper.design import REAL, REAL_OBJECTS, SIMULATED  # noqa: E402
-from zbuf_occlude.studies.paper.real_objects import CLASSES, RECIPES, RealObjects  # noqa: E402
+from zbuf_occlude.studies.paper.design import REAL, REAL_OBJECTS, RECIPES, SIMULATED  # noqa: E402
+from zbuf_occlude.studies.paper.real_objects import CLASSES, RealObjects  # noqa: E402
 from zbuf_occlude.studies.paper.real_report import mean_recall, spearman, table_real  # noqa: E402
 from zbuf_occlude.studies.paper.results import read_results, read_study  # noqa: E402
 from zbuf_occlude.studies.paper.study import run_study  # noqa: E402
@@ -92,6 +92,8 @@ def test_mean_recall_counts_classes_alike() -> None:
 def test_rank_correlation() -> None:
     assert spearman(np.array([0.1, 0.2, 0.9]), np.array([5.0, 6.0, 7.0])) == pytest.approx(1.0)
     assert spearman(np.array([1.0, 2.0, 3.0, 4.0]), np.array([2.0, 1.0, 4.0, 3.0])) == pytest.approx(0.6)
+    tied = spearman(np.array([1.0, 2.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0, 4.0]))
+    assert tied == pytest.approx(0.9486833), "4.5 / sqrt(4.5 x 5), by hand"
     assert np.isnan(spearman(np.ones(3), np.arange(3.0)))
 
 
@@ -112,5 +114,5 @@ def test_another_drive_and_one_without_objects_are_refused(study: Path, tmp_path
         run_study(study, SMALL, experiments=[REAL], real=write_kitti(tmp_path / "other"), workers=1)
     empty = write_kitti(tmp_path / "empty")
     next(empty.rglob("label_2/*.txt")).write_text("DontCare -1 -1 -10 1 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n")
-    with pytest.raises(DatasetError, match="no object"):
+    with pytest.raises(DatasetError, match="none is left"):
         run_study(tmp_path / "study", SMALL, experiments=[REAL], real=empty, workers=1)

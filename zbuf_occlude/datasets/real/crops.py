@@ -37,6 +37,7 @@ from zbuf_occlude.base.errors import (
 from zbuf_occlude.base.point_files import write_table
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.real.sweeps import LabelledBox, Sweep, find_sweeps
+from zbuf_occlude.sensors.setup import LEAST_POINTS
 
 FRAMES = ("object", "sensor")
 FIT: Literal["fit"] = "fit"
@@ -52,8 +53,6 @@ the frame of the sweep.
 """
 EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, math.inf)
 """Bounds of the ranges that are counted, metres."""
-LEAST_POINTS = 16
-"""Default of the least points of a crop."""
 DISTINCT = 1.0
 """Default of the metres that the sensor must have moved, seen from an object, for another crop of it."""
 AROUND, BAND, LEAST_GROUND, CLEARANCE, STEEPEST, FITS = 2.0, 0.5, 20, 0.1, 0.3, 4

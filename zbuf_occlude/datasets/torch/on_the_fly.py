@@ -28,7 +28,7 @@ from zbuf_occlude.base.jit.threads import use_threads
 from zbuf_occlude.datasets.pipeline import count_distinct, why_no_cloud
 from zbuf_occlude.datasets.plan import ATTRIBUTES
 from zbuf_occlude.datasets.records import colors_of, draw
-from zbuf_occlude.datasets.torch.placing import Drawn, Placement, RandomViews, Span
+from zbuf_occlude.datasets.torch.placing import CloudFrame, Drawn, RandomViews, Span
 from zbuf_occlude.datasets.torch.tensors import TensorMesh, is_dense, is_followed, place_of
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
@@ -134,7 +134,7 @@ class OnTheFlyOcclusion:
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
         cache_megabytes = as_number(cache_megabytes, "cache_megabytes", "a number from 0", lambda number: number >= 0.0)
         self.views = RandomViews.of_arguments(elevation, distance, views)
-        self.placement = Placement(scale, frame, axes)
+        self.placement = CloudFrame(scale, frame, axes)
         if not isinstance(attributes, Sequence) or isinstance(attributes, str):
             raise ArgumentError(f"attributes must be a sequence of words; got {shown(attributes)}.")
         for name in attributes:
@@ -468,7 +468,7 @@ class OnTheFlyScan:
     ) -> None:
         check_int("n_points", n_points, 1)
         self.views = RandomViews.of_arguments(elevation, PAPER_DISTANCE, views)
-        self.placement = Placement(scale, frame, axes)
+        self.placement = CloudFrame(scale, frame, axes)
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
         self.n_points = n_points

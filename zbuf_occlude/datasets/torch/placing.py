@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Placement:
+class CloudFrame:
     """The frame and the scale of clouds: the words that users give, checked."""
 
     scale: str = "cloud"

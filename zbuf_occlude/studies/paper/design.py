@@ -80,6 +80,13 @@ COMPLETE_AND_OCCLUDED, COMPLETE_AND_SCANS = "complete+occluded", "complete+lidar
 """Training sets of `REAL`: the paper's three, LiDAR scans in streets, and complete clouds with these."""
 ALL_AROUND, DRIVE = "around", "drive"
 """Laws of the azimuth of scans: uniform, or that of traffic."""
+RECIPES = (
+    *((name, ALL_AROUND, "cloud") for name in (COMPLETE, OCCLUDED, COMPLETE_AND_OCCLUDED, LIDAR, COMPLETE_AND_SCANS)),
+    (LIDAR, DRIVE, "cloud"),
+    *((name, ALL_AROUND, "metres") for name in (COMPLETE, OCCLUDED, LIDAR)),
+    (LIDAR, DRIVE, "metres"),
+)
+"""Training sets with the azimuths of the scans, and the scale of the clouds."""
 REAL_OBJECTS, SIMULATED = "real-objects", "simulated"
 """Tests of `REAL`."""
 

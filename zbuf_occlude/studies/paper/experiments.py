@@ -32,7 +32,7 @@ from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.setup import LEAST_POINTS, ScanConfig
 from zbuf_occlude.studies.compare.cases import Subject
 from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
 from zbuf_occlude.studies.paper.design import (
@@ -481,8 +481,6 @@ RANGE = (6.0, 40.0)
 HIDDEN = (0.0, 0.6)
 ELEVATIONS = "2..8"
 """Elevations of the views, degrees. In streets the sensor's height of 1.73 m determines them."""
-LEAST_POINTS = 16
-"""Minimum points of a view of an object in every kind; other views are left out."""
 
 Clouds = dict[tuple[int, int], NDArray[np.float32]]
 """Points by mesh and view, without repeats."""

@@ -24,7 +24,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.setup import LEAST_POINTS, ScanConfig
 from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
 from zbuf_occlude.studies.paper.design import (
     ALL_AROUND,
@@ -36,6 +36,7 @@ from zbuf_occlude.studies.paper.design import (
     OCCLUDED,
     REAL,
     REAL_OBJECTS,
+    RECIPES,
     SIMULATED,
     Size,
 )
@@ -47,8 +48,6 @@ SENSOR = "hdl-64e"
 RANGE = (5.0, 50.0)
 HIDDEN = (0.0, 0.6)
 """Share of an object that others in its street hide."""
-LEAST_POINTS = 16
-"""Least points of an object, real or simulated."""
 TO_SHAPES = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float32)
 """Matrix that turns rows of positions from the axes of labelled boxes, x ahead, to those of the shapes, -y ahead."""
 CLASSES = {
@@ -78,13 +77,6 @@ SETS = {
     COMPLETE_AND_SCANS: (COMPLETE, LIDAR),
 }
 """Kinds of clouds in each training set."""
-RECIPES = (
-    *((name, ALL_AROUND, "cloud") for name in SETS),
-    (LIDAR, DRIVE, "cloud"),
-    *((name, ALL_AROUND, "metres") for name in (COMPLETE, OCCLUDED, LIDAR)),
-    (LIDAR, DRIVE, "metres"),
-)
-"""Training sets with the azimuths of the scans, and the scale of the clouds."""
 
 
 class RealObjects(Experiment):
@@ -145,8 +137,6 @@ class RealObjects(Experiment):
             return {}
         classes = {name: list(labels) for name, labels in CLASSES.items()}
         crops = crop_objects(self.real, classes=classes, least_points=LEAST_POINTS, range=RANGE)
-        if not len(crops):
-            raise DatasetError(f"{self.real} has no object of {', '.join(CLASSES)} with {LEAST_POINTS} points.")
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write_json(path, about)
         crops.save(self.crops)
@@ -202,10 +192,8 @@ class RealObjects(Experiment):
             REAL: {
                 "objects": dict(zip(clouds.classes, counts, strict=True)),
                 "sweeps": len(np.unique(clouds.group_ids)),
-                "sensor": SENSOR,
                 "range": RANGE,
                 "least": LEAST_POINTS,
-                "training": {name: len(self.training(name, ALL_AROUND, "cloud", "train")) for name in SETS},
             }
         }
 
@@ -217,7 +205,7 @@ def _read_crops(folder: Path, n_points: int) -> CloudSet:
 
 
 def picture_of_objects(real: CloudSet, simulated: CloudSet) -> Figure:
-    """Draw some real objects of each class, above them the simulated ones nearest to them in range."""
+    """Draw some real objects of each class, and below each the simulated one nearest in range."""
     labels = np.unique(real.labels).tolist()
     figure, panels = new_figure(2 * len(labels), SHOWN, panel=1.8)
     for row, label in enumerate(labels):

@@ -20,10 +20,11 @@ from zbuf_occlude.studies.paper.design import (
     OCCLUDED,
     REAL,
     REAL_OBJECTS,
+    RECIPES,
     SIMULATED,
     printed,
 )
-from zbuf_occlude.studies.paper.results import Result, models_of, select_results
+from zbuf_occlude.studies.paper.results import Result, models_of, percent, select_results
 
 WORDS = {
     COMPLETE: "complete clouds (C2)",
@@ -50,24 +51,13 @@ def mean_recall(test: Confusion, classes: Sequence[str] | None = None) -> float:
 def recipes_of(results: Sequence[Result]) -> list[tuple[str, str, str]]:
     """Return the training sets, azimuths and scales of results, in the order of the experiment."""
     found = {tuple(result.facts[name] for name in ("trained_on", "azimuths", "scale")) for result in results}
-    order = [*((name, ALL_AROUND, "cloud") for name in WORDS), (LIDAR, DRIVE, "cloud")]
-    order += [*((name, ALL_AROUND, "metres") for name in WORDS), (LIDAR, DRIVE, "metres")]
-    return [recipe for recipe in order if recipe in found]
+    return [recipe for recipe in RECIPES if recipe in found]
 
 
 def rows_of(results: Sequence[Result], model: str, recipe: tuple[str, str, str]) -> list[Result]:
     """Return the results of a model and a recipe, in the order of their seeds."""
     name, azimuths, scale = recipe
     return select_results(results, REAL, model=model, trained_on=name, azimuths=azimuths, scale=scale)
-
-
-def percent_of(values: Sequence[float]) -> str:
-    """Format fractions in percent: their mean, with the standard deviation where there are several."""
-    known = 100.0 * np.array([value for value in values if not np.isnan(value)])
-    if not len(known):
-        return "–"
-    spread = f" ± {known.std(ddof=1):.1f}" if len(known) > 1 else ""
-    return f"{known.mean():.1f}{spread}"
 
 
 def table_real(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
@@ -84,10 +74,10 @@ def table_real(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
                     WORDS[name],
                     AZIMUTHS[azimuths] if LIDAR in name else "–",
                     "metres" if scale == "metres" else "1",
-                    percent_of([test.accuracy for test in tests]),
-                    percent_of([mean_recall(test) for test in tests]),
-                    percent_of([mean_recall(test, MAIN_CLASSES) for test in tests]),
-                    percent_of([mean_recall(row.tests[SIMULATED]) for row in rows]),
+                    percent([test.accuracy for test in tests]),
+                    percent([mean_recall(test) for test in tests]),
+                    percent([mean_recall(test, MAIN_CLASSES) for test in tests]),
+                    percent([mean_recall(row.tests[SIMULATED]) for row in rows]),
                 ]
             )
     objects = ", ".join(f"{n} {name}" for name, n in facts["objects"].items())
@@ -118,9 +108,9 @@ def agreement(results: Sequence[Result]) -> str:
 
 
 def spearman(first: FloatArray, second: FloatArray) -> float:
-    """Return the rank correlation of two series without ties; NaN where all values of one are equal."""
-    ranks = np.array([np.argsort(np.argsort(series)) for series in (first, second)], dtype=float)
-    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+    """Return the rank correlation of two series, equal values with their mean rank; NaN where one is constant."""
+    ranks = [(each[:, None] > each).sum(axis=1) + (each[:, None] == each).sum(axis=1) / 2 for each in (first, second)]
+    if any(np.ptp(each) == 0.0 for each in ranks):
         return float("nan")
     return float(np.corrcoef(ranks)[0, 1])
 
@@ -135,8 +125,8 @@ def table_by_range(results: Sequence[Result]) -> Table:
     for model in models_of(mine, REAL):
         recipe = best_recipe(mine, model)
         rows = rows_of(mine, model, recipe)
-        cells = [percent_of([mean_recall(row.tests[name]) for row in rows]) for name in names]
-        body.append([printed(model), described(recipe), *cells])
+        cells = [percent([mean_recall(row.tests[name]) for row in rows]) for name in names]
+        body.append([printed(model), recipe_in_words(recipe), *cells])
     header = ["model", "best training set"]
     header += [f"{name.removeprefix(REAL_OBJECTS).strip()} ({n})" for name, n in zip(names, counts, strict=True)]
     note = "Mean recall on real objects, percent; in brackets the objects of the column."
@@ -153,7 +143,7 @@ def best_recipe(results: Sequence[Result], model: str) -> tuple[str, str, str]:
     return max((recipe for recipe in recipes_of(results) if rows_of(results, model, recipe)), key=recall)
 
 
-def described(recipe: tuple[str, str, str]) -> str:
+def recipe_in_words(recipe: tuple[str, str, str]) -> str:
     """Return a recipe in words."""
     name, azimuths, scale = recipe
     said = WORDS[name] + (f", azimuths {AZIMUTHS[azimuths]}" if LIDAR in name else "")
@@ -178,7 +168,7 @@ def plot_confusions(results: Sequence[Result]) -> Figure:
             panel.text(column, row, f"{shares[row, column]:.0%}", ha="center", va="center", fontsize=8, color=colour)
         panel.set_xticks(range(counts.shape[1]), tests[0].predicted, rotation=45, ha="right")
         panel.set_yticks(range(counts.shape[0]), tests[0].truth)
-        panel.set_title(f"{printed(model)}\n{described(recipe)}", fontsize=9)
+        panel.set_title(f"{printed(model)}\n{recipe_in_words(recipe)}", fontsize=9)
     panels[0].set_ylabel("true class", fontsize=10)
     figure.supxlabel("answered class", fontsize=10)
     return figure

@@ -28,6 +28,9 @@ FOLDER, STUDY, AREAS, PICTURE, REAL_PICTURE = "results", "study.json", "areas.js
 """Parts of a study's folder: results (a JSON file per trial), description, visible areas, pictures of real scans and of
 real objects beside simulated ones."""
 
+NONE = "–"
+"""Text of a figure that is not known."""
+
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},
     AUGMENTATION: {"model": str, "set": int, "points": int, "budget": str, "seed": int},
@@ -148,3 +151,12 @@ def models_of(results: Sequence[Result], experiment: str) -> list[str]:
     order = list(TABLE_3A)
     found = {str(result.facts["model"]) for result in results if result.experiment == experiment}
     return sorted(found, key=lambda model: (order.index(paper_name(model)), model))
+
+
+def percent(shares: Iterable[float | None]) -> str:
+    """Format the mean of the known fractions in percent, with the standard deviation where there are several."""
+    known = [100.0 * share for share in shares if share is not None and not np.isnan(share)]
+    if not known:
+        return NONE
+    spread = f" ± {np.std(known, ddof=1):.1f}" if len(known) > 1 else ""
+    return f"{np.mean(known):.1f}{spread}"

@@ -57,11 +57,13 @@ from zbuf_occlude.studies.paper.design import (
 from zbuf_occlude.studies.paper.real_report import plot_confusions, table_by_range, table_real
 from zbuf_occlude.studies.paper.results import (
     AREAS,
+    NONE,
     PICTURE,
     REAL_PICTURE,
     Result,
     budgets_of,
     models_of,
+    percent,
     read_results,
     read_study,
     select_results,
@@ -94,7 +96,6 @@ CAPTIONS = {
 COLOURS = {"voxnet": "#0072b2", "pointnet": "#d55e00", "threedmfv": "#009e73"}
 PLANE_COLOURS = ("#882255", "#cc79a7", "#56b4e9")
 SET_COLOURS = {1: "#56b4e9", 2: "#d55e00", 3: "#009e73"}
-NONE = "–"
 LARGE_LOSS = 0.05
 """Minimum difference that counts as a large loss: 5 percentage points; the paper's two models lose 7 and 36."""
 CAR = "car"
@@ -254,15 +255,6 @@ def departures(study: Mapping[str, Any]) -> Table:
         ["optimiser, epochs, validation in 4.2", "not stated", "as in the table above; 10 % of the training clouds"],
     ]
     return Table("Differences from the paper", ["", "the paper", "here"], rows, texts=range(3))
-
-
-def percent(shares: Iterable[float | None]) -> str:
-    """Format the mean of fractions in percent, with the standard deviation where there are several."""
-    known = [100.0 * share for share in shares if share is not None]
-    if not known:
-        return NONE
-    spread = f" ± {np.std(known, ddof=1):.1f}" if len(known) > 1 else ""
-    return f"{np.mean(known):.1f}{spread}"
 
 
 def accuracies(results: Iterable[Result], test: str | int) -> str:
