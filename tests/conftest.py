@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests import skips
 from tests.compiling import one_at_a_time
@@ -35,8 +35,9 @@ asserts rewritten take each test process ten. numba's functions are kept beside 
 gc.set_threshold(50_000, 20, 20)
 """What is imported and compiled stays: a tenth of these processes' time went to looking through it for garbage."""
 
-settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
-settings.load_profile("unhurried")
+# a busy machine is no failure, and neither is a draw of its own: every machine tries the same examples
+settings.register_profile("everywhere", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("everywhere")
 
 
 FIRST = (

@@ -148,7 +148,7 @@ def test_faces_of_no_area_go_and_the_rest_keeps_order_and_origin() -> None:
     assert again.faces.tolist() == cleaned.faces.tolist()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     faces=st.lists(st.tuples(*[st.integers(0, 7)] * 3), min_size=1, max_size=30),
     exponent=st.integers(-30, 30),

@@ -495,7 +495,7 @@ def test_select_and_limit() -> None:
 @given(
     facts_=st.lists(st.tuples(st.sampled_from("abcde"), st.sampled_from(["train", "val", "test"])), max_size=40),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_interleaved_is_a_fair_reordering(facts_: list[tuple[str, str]]) -> None:
     meshes = entries(*[(str(i), label, split) for i, (label, split) in enumerate(facts_)])
     order = meshes.interleaved()

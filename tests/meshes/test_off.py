@@ -75,7 +75,7 @@ def test_modelnets_glued_header_loads_as_the_repaired_file_does() -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_round_trip_is_exact(data: st.DataObject) -> None:
     numbers = st.floats(-1e70, 1e70)
     vertices = data.draw(hnp.arrays(np.float64, st.tuples(st.integers(1, 20), st.just(3)), elements=numbers))

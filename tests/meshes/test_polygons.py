@@ -65,7 +65,7 @@ def test_concave_polygons_are_tiled_from_whatever_corner_they_begin(shape: list[
     seed=st.integers(0, 10),
     scale=st.sampled_from([1e-6, 1.0, 1e6]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_star_shaped_polygon_is_tiled(radii: list[float], seed: int, scale: float) -> None:
     angles = np.arange(len(radii)) * 2 * np.pi / len(radii)
     polygon = np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None] * scale

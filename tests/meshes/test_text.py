@@ -43,7 +43,7 @@ def test_twenty_thousand_spellings_are_read_as_python_reads_them() -> None:
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_every_float_is_read_back(numbers: list[float]) -> None:
     assert read(*map(repr, numbers)) == [struct.pack("<d", number) for number in numbers]
 

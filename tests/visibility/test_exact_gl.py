@@ -61,7 +61,7 @@ def test_a_point_is_not_hidden_by_its_own_face_wherever_it_lies(gl: GlContext) -
     assert differing(mesh, shuffled, eyes_of(mesh, points), gl) == 0
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     corners=arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3), st.just(3)), elements=st.integers(-3, 3)),
     eyes=arrays(np.float64, (4, 3), elements=st.integers(-6, 6)),

@@ -18,7 +18,7 @@ places = st.tuples(coordinates, coordinates, coordinates)
 triples = st.permutations(range(5)).map(lambda order: order[:3])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     vertices=st.lists(places, min_size=5, max_size=5),
     faces=st.lists(triples, min_size=1, max_size=4),

@@ -64,7 +64,7 @@ def test_an_impossible_division_costs_nothing() -> None:
     assert divide_faces(soup(20, 0.3), 1e-300, 1000).limited
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10_000), largest=st.floats(0.002, 1.0))
 def test_points_lie_in_the_child_they_are_given(seed: int, largest: float) -> None:
     mesh = soup(8, 0.3, seed)

@@ -126,7 +126,7 @@ def slow_walk(grid: OccupancyGrid, start: np.ndarray, eye: np.ndarray) -> bool:
     return False
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 10**6), n=st.integers(2, 9), share=st.floats(0.02, 0.6), far=st.sampled_from([0.3, 1.0, 5.0])
 )

@@ -78,7 +78,7 @@ def test_own_face_and_contact() -> None:
 angles = st.floats(-3.0, 3.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     axis=st.tuples(angles, angles, angles),
     at=st.floats(0.05, 0.95),
@@ -97,7 +97,7 @@ def test_no_line_slips_through_the_edge_two_faces_share(
     assert hidden(mesh, [target - distance * towards], target + distance * towards) == [True]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(axis=st.tuples(angles, angles, angles), x=st.floats(-3.0, -0.5), y=st.floats(0.1, 0.9))
 def test_a_line_within_a_plane_is_not_blocked_however_it_is_tilted(axis: tuple[float, ...], x: float, y: float) -> None:
     turn = rotation(axis)
