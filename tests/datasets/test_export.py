@@ -289,7 +289,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
     assert victim.relative_to(root).as_posix() in fault
 
 
-@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "bop", "voxels")])
+@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "frames", "bop", "voxels")])
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"
@@ -303,7 +303,7 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
             assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
 
 
-@pytest.mark.parametrize("format", ["bop", "voxels"])
+@pytest.mark.parametrize("format", ["frames", "bop", "voxels"])
 def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=f"generate --format {format}"):
         convert(made("frames"), tmp_path / "converted", format)

@@ -130,7 +130,7 @@ def why_no_cloud(capture: Capture, setup: ScanConfig, places: Views, view: int, 
         return f"only {n_distinct} distinct points, fewer than --least-points {setup.least_points}"
     if n_distinct == 1:
         return IN_ONE_PLACE
-    return why_empty(capture, setup.sensor_of(places, view), setup.method, setup.keep == "all").reason
+    return why_empty(capture, setup.sensor_model.of_view(places, view), setup.method, setup.keep == "all").reason
 
 
 def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:

@@ -144,7 +144,7 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
     with prepare_scene(target_scene, config.method) as alone:
 
         def captured(scene: Scene, occluder: VisibilityQuery, view: int) -> Capture:
-            sensor, pose = config.sensor_of(views, view), poses[view]
+            sensor, pose = config.sensor_model.of_view(views, view), poses[view]
             returns = noiseless_scan(
                 scene,
                 sensor,

@@ -15,7 +15,6 @@ from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scenes.kinds import KINDS, Kind
 from zbuf_occlude.sensors.scenes.sizes import Sizes, sizes_of
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import find_method
 
 SURFACE = "surface"
@@ -184,17 +183,6 @@ class ScanConfig:
     def takes_time(self) -> bool:
         """True where the time of a ray matters: the sensor moves, or an object does."""
         return self.motion is not None or any({"velocity", "turn"} & set(each) for each in self.objects)
-
-    def sensor_of(self, views: Views, view: int) -> Sensor:
-        """Return the sensor of a view; a pinhole takes the intrinsics and the image size of a file's camera."""
-        sensor = self.sensor_model
-        if views.fov_bounds is None or sensor.kind != "pinhole":
-            return sensor
-        width, height = sensor.pattern["width"], sensor.pattern["height"]
-        if views.sizes is not None:
-            width, height = views.sizes[view].tolist()
-        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(width, height)[0]
-        return sensor.with_numbers(width=width, height=height, f=fx, fy=fy, cx=cx, cy=cy)
 
     @cached_property
     def box(self) -> dict[str, Any] | None:

@@ -2,12 +2,10 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
@@ -18,9 +16,9 @@ from zbuf_occlude.datasets.pipeline import scanned_scenes
 from zbuf_occlude.datasets.plan import Numbers, Plan
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.sensors.bop import BopWriter
-from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, frame_files
+from zbuf_occlude.sensors.casting import prepare_scene
+from zbuf_occlude.sensors.frames import Frame, check_pinhole, depth_unit, frame_at, frame_files
 from zbuf_occlude.sensors.scenes.scene import Scene
-from zbuf_occlude.visibility import prepare
 
 PATHS = "valid_paths.json"
 """The folders of all objects, a list, as Zero-1-to-3's loader wants it."""
@@ -42,7 +40,7 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
             name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
             unit = depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
-            frames = (frame_of(plan, record) for record in records_of(source, of_views))
+            frames = (frame for _, frame in measured_frames(source, of_views))
             written = frame_files(out / paths[-1], frames, unit)
             files[split] += [f"{paths[-1]}/{each}" for each in written]
     atomic.write_json(out / PATHS, paths)
@@ -59,50 +57,48 @@ def _depths(record: Any) -> FloatArray:
     return np.asarray(-(record["data"].astype(np.float64) @ record["pose"][2, :3] + record["pose"][2, 3]))
 
 
-def frame_of(plan: Plan, record: Any) -> Frame:
-    """Return all that a pinhole camera's rays met as a frame; of a pixel with several echoes the first."""
-    assert plan.recipe.setup is not None
-    views, view = plan.views_of(plan.meshes[int(record["mesh_id"])].key), int(record["view_id"])
-    sensor = plan.recipe.setup.sensor_of(views, view)
-    size, depths = (sensor.pattern["height"], sensor.pattern["width"]), _depths(record)
-    nearest = np.argsort(depths, kind="stable")
-    _, first = np.unique((record["ring"] * size[1] + record["column"])[nearest], return_index=True)
-    kept = nearest[first]
-    pixels = record["ring"][kept], record["column"][kept]
-    depth, normals, colors = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32), None
-    face_ids, instances = np.full((2, *size), -1, np.int32)
-    depth[pixels], normals[pixels] = depths[kept], record["normal"][kept]
-    face_ids[pixels], instances[pixels] = record["face_ids"][kept], record["instance"][kept]
-    if "color" in record.dtype.names:
-        colors = np.zeros((*size, 3), np.uint8)
-        colors[pixels] = record["color"][kept]
-    return Frame(depth, face_ids, instances, normals, colors, sensor.intrinsics, record["pose"])
+def measured_frames(source: CloudReader, of_views: Numbers) -> Iterator[tuple[Scene, Frame]]:
+    """Yield the scene of each view of an object, and what a camera sees there; the depth is the sensor's."""
+    plan, first = source.plan, source.take(of_views[:1])[0]
+    setup, mesh_id = plan.recipe.setup, int(first["mesh_id"])
+    assert setup is not None
+    views, colored = plan.views_of(plan.meshes[mesh_id].key), "colors" in plan.recipe.attributes
+    scenes = scanned_scenes(plan, mesh_id, int(first["variation"]))
+    last, occluder = None, None
+    with ExitStack() as opened:
+        for scene, record in zip(scenes, records_of(source, of_views), strict=True):
+            if scene is not last or occluder is None:
+                opened.close()
+                last, occluder = scene, opened.enter_context(prepare_scene(scene, setup.method))
+            sensor = setup.sensor_model.of_view(views, int(record["view_id"]))
+            size = sensor.pattern["height"], sensor.pattern["width"]
+            frame = frame_at(scene, occluder, sensor.intrinsics, record["pose"], size, colored=colored)
+            yield scene, frame.with_depths(record["ring"], record["column"], record["data"])
 
 
 def check_frames(plan: Plan) -> None:
-    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, with normals, as they are.
+    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, at rest, as they are.
 
     UnavailableError where pictures cannot be written.
     """
     recipe = plan.recipe
     if lacking := missing("PIL"):
         raise UnavailableError(f"--format {plan.format} {lacking}")
-    if recipe.setup is None or recipe.setup.sensor_model.kind != "pinhole":
-        named = "surface" if recipe.setup is None else recipe.setup.sensor_model.name
-        raise OptionError(
-            f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
-        )
+    if recipe.setup is None:
+        raise OptionError(f"{plan.format} must be of a pinhole camera; got --sensor surface. Leave it out.")
+    check_pinhole(recipe.setup.sensor_model)
     check_as_they_are(plan)
-    if "normals" not in recipe.attributes:
-        raise OptionError(f"{plan.format} must have normals; got none. Give --with normals.")
+    if recipe.setup.takes_time and recipe.setup.sensor_model.rays().times is not None:
+        raise OptionError(f"{plan.format} must be of a camera and objects at rest; they move. Give readout=0.")
+    if recipe.setup.keep != "all":
+        raise OptionError(f"{plan.format} must have the pixels of all objects, --keep all; got {recipe.setup.keep}.")
 
 
 def export_bop(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/SCENE/ with the files of `write_bop`; a scene is a variation of an object, its images are the views.
 
     Scenes that hide a drawn share of the object differ by view: each image lists what stands there. Models are the
-    meshes of the collection, and what fills scenes without one. `depth` has the sensor's noise, masks and `rgb` have
-    none.
+    meshes of the collection, and what fills scenes without one.
     """
     plan, n_views = source.plan, len(source.plan.views)
     assert plan.recipe.setup is not None
@@ -111,40 +107,18 @@ def export_bop(source: CloudReader, out: Path) -> Exported:
     for split, numbers in whole_objects(source).items():
         names[split], n_clouds[split] = [], numbers.size
         for number, of_views in enumerate(numbers.reshape(-1, n_views)):
-            writer.write_scene(f"{split}/{number:06d}", _images(source, of_views, plan.recipe.setup.method))
+            writer.write_scene(f"{split}/{number:06d}", measured_frames(source, of_views))
     of_all = writer.finish()
     for split in names:
         names[split] = [name for name in of_all if name.startswith(f"{split}/")]
     return Exported(names, n_clouds, left_out=incomplete(source))
 
 
-def _images(source: CloudReader, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
-    """Yield the scene of each view, what a camera without noise sees of it, and the sensor's depth."""
-    first = source.take(of_views[:1])[0]
-    scenes = scanned_scenes(source.plan, int(first["mesh_id"]), int(first["variation"]))
-    last, occluder = None, None
-    with ExitStack() as opened:
-        for scene, record in zip(scenes, records_of(source, of_views), strict=True):
-            if scene is not last or occluder is None:
-                opened.close()
-                last, occluder = scene, opened.enter_context(prepare(scene.mesh, method, warn=False))
-            noisy = frame_of(source.plan, record)
-            clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
-            yield scene, replace(clean, colors=noisy.colors), noisy.depth
-
-
 def check_bop(plan: Plan) -> None:
-    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, in metres, of all objects.
-
-    UnavailableError where pictures cannot be written, or models measured.
-    """
+    """Raise as `check_frames`; UnavailableError where models cannot be measured."""
     check_frames(plan)
     if lacking := missing("scipy"):
         raise UnavailableError(f"--format bop {lacking}")
-    setup = plan.recipe.setup
-    assert setup is not None
-    if setup.keep != "all":
-        raise OptionError(f"bop must have the pixels of all objects, --keep all; got {setup.keep}.")
 
 
 FRAMES = Layout(export_frames, check_frames)

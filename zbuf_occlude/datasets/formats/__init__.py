@@ -143,7 +143,6 @@ class Format:
 Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")
 _WITH_BOXES = (*ATTRIBUTES, BOXES)
 _WHOLE_SCANS = {"keep": "all", "sample_size": "all", "scale": "mesh"}
-_OF_PIXELS = {**_WHOLE_SCANS, "attributes": "normals"}
 
 
 def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Format:
@@ -175,8 +174,9 @@ FORMATS: tuple[Format, ...] = (
         "frames",
         "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
         "hdf5",
+        from_meshes=True,
         ragged=True,
-        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"},
+        options={**_WHOLE_SCANS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"},
         of_views=True,
         module="export.renderings:FRAMES",
     ),
@@ -186,7 +186,7 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         from_meshes=True,
         ragged=True,
-        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=50"},
+        options={**_WHOLE_SCANS, "sensor": "pinhole:width=640,height=480,fov=50"},
         of_views=True,
         module="export.renderings:BOP",
     ),
