@@ -299,12 +299,22 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     assert placed.intrinsics(64, 48)[0] == pytest.approx(frame.intrinsics)
 
 
-def of_camera(folder: Path, mesh: zo.Mesh, sensor: zo.sensors.Sensor, form: str = "frames", **given: Any) -> Path:
-    """Generate two views of a mesh; return the folder of its frames."""
+def of_camera(
+    folder: Path,
+    mesh: zo.Mesh,
+    sensor: zo.sensors.Sensor,
+    *,
+    form: str = "frames",
+    views: str = "ring:2@15",
+    depth_unit: float | None = None,
+    **given: Any,
+) -> Path:
+    """Generate views of a mesh; return the folder of its frames."""
     numbers = {"size": "file", "keep": "all", "range": (1.5, 1.5), **given}
     recipe = DatasetConfig(
         method="exact",
-        views="ring:2@15",
+        views=views,
+        depth_unit=depth_unit,
         scanning=asdict(ScanConfig(sensor.to_dict(), **numbers)),
         sample_size=None,
         scale="mesh",
@@ -328,17 +338,33 @@ def test_a_datasets_masks_are_silhouettes_and_its_depth_is_noisy(tmp_path: Path)
     assert 0 < ((depth == 0) & (true > 0)).sum() < (depth > 0).sum()
 
 
+@pytest.mark.parametrize("form", ["frames", "bop"])
+def test_a_depth_unit_is_that_of_all_datasets(form: str, tmp_path: Path) -> None:
+    """Of two datasets, of a small object and of a large one farther away: a depth in metres is the image over 1000."""
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    sensor = zo.sensors.make("pinhole:width=32,height=24,fov=40", range_max=65.0)
+    for name, side, away in (("near", 0.1, 0.4), ("far", 5.0, 30.0)):
+        mesh = box((side, side, side))
+        given = {"range": (away, away), "depth_unit": 0.001, "form": form, "views": "ring:1@0"}
+        of_camera(tmp_path / name, mesh, sensor, **given)
+        (path,) = (tmp_path / name).glob("**/*_depth.png" if form == "frames" else "**/depth/*.png")
+        assert np.array(image.open(path))[12, 16] == round(1000 * (away - side / 2))
+        (about,) = (tmp_path / name).glob("**/transforms.json" if form == "frames" else "**/scene_camera.json")
+        assert ('"integer_depth_scale": 0.001' if form == "frames" else '"depth_scale": 1.0') in about.read_text()
+
+
 @pytest.mark.parametrize(
     ("message", "sensor", "given"),
     [
         ("pinhole camera; got the sensor vlp-16", "vlp-16", {}),
+        ("65,535 steps of 0.001 end at 65.53 m, pinhole measures up to inf m", "pinhole", {}),
         ("pixels of all objects, --keep all; got target", "kinect-v1", {"keep": "target"}),
         ("must be of a camera and objects at rest", "pinhole:readout=0.1", {"motion": {"velocity": (1.0, 0.0, 0.0)}}),
     ],
 )
 def test_what_no_frames_are_made_of(message: str, sensor: str, given: dict[str, Any]) -> None:
     scanning = asdict(ScanConfig(zo.sensors.make(sensor).to_dict(), **{"keep": "all", **given}))
-    recipe = DatasetConfig(scanning=scanning, sample_size=None, scale="mesh")
+    recipe = DatasetConfig(scanning=scanning, sample_size=None, scale="mesh", depth_unit=0.001)
     plan = Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", box)]), recipe, "frames")
     with pytest.raises(zo.OptionError, match=message):
         find_format("frames").check(plan)

@@ -330,6 +330,7 @@ def views_command(
     order: bool,
     sensor: str | None,
     set_sensor: Settings,
+    camera: str | None,
     min_density: float,
     points: int,
     seed: int,
@@ -353,11 +354,11 @@ def views_command(
     suffix = None if out is None else suffix_of(out, (".csv", ".png"))
     if suffix == ".png" and not coverage:
         raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
-    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "min_density"))):
+    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "camera", "min_density"))):
         raise click.UsageError(f"{idle[0]} must go with --coverage.")
-    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "min_density"))):
+    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "camera", "min_density"))):
         raise click.UsageError(f"{idle[0]} must go with --sensor.")
-    model = None if sensor is None else parse_sensor(sensor, set_sensor)
+    model = None if sensor is None else parse_sensor(sensor, set_sensor, camera)
     if model is not None and unit is None and not has_metres(mesh):
         raise click.UsageError("--sensor needs lengths in metres: give --unit of the file, m if it is in metres.")
     with Limits().watch():

@@ -27,8 +27,8 @@ from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 
 SCAN_OPTIONS = (
-    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height", "transparent",
-    "velocity", "turn", "trajectory", "deskew",
+    "sensor", "set_sensor", "camera", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
+    "transparent", "velocity", "turn", "trajectory", "deskew",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
 
@@ -49,7 +49,7 @@ def vector(text: str) -> tuple[float, float, float]:
 
 
 def sensor_options(sensor: str | None) -> Decorator:
-    """Return the options --sensor and --set-sensor; `sensor` is the default, None for no sensor."""
+    """Return the options --sensor, --set-sensor and --camera; `sensor` is the default, None for no sensor."""
     return all_of(
         click.option(
             "--sensor",
@@ -62,6 +62,12 @@ def sensor_options(sensor: str | None) -> Decorator:
             type=Setting(),
             multiple=True,
             help="Parameter of the sensor, such as columns=900 or noise=0; repeatable.",
+        ),
+        click.option(
+            "--camera",
+            metavar="FILE",
+            help="Intrinsics of a pinhole sensor: BOP's camera.json, ROS's camera_info.yaml, COLMAP's cameras.txt, "
+            "Open3D's JSON.",
         ),
     )
 
@@ -168,9 +174,17 @@ def named_caster(context: click.Context) -> str:
     return str(name)
 
 
-def parse_sensor(name: str, settings: Settings) -> Sensor:
-    """Return a sensor with the parameters of --set-sensor; raises OptionError as `zbuf_occlude.sensors.make`."""
-    sensor = sensors.make(name, **dict(settings))
+def parse_sensor(name: str, settings: Settings, camera: str | None) -> Sensor:
+    """Return a sensor with the intrinsics of --camera and the parameters of --set-sensor.
+
+    Raises OptionError as `zbuf_occlude.sensors.make` and `zbuf_occlude.sensors.read_intrinsics`.
+    """
+    sensor = sensors.make(name)
+    if camera is not None:
+        if sensor.kind != "pinhole":
+            raise OptionError(f"--camera must go with a pinhole sensor; {sensor.name} is {sensor.kind}. Leave it out.")
+        sensor = sensors.make(sensor, **sensors.read_intrinsics(camera))
+    sensor = sensors.make(sensor, **dict(settings))
     sensor.rays()  # raises for wrong parameters
     return sensor
 
@@ -218,7 +232,7 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
             if options[name] not in (None, False, "", (), "none", "target"):
                 raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
         return None
-    sensor = parse_sensor(options["sensor"], options["set_sensor"])
+    sensor = parse_sensor(options["sensor"], options["set_sensor"], options["camera"])
     scene, objects = options["scene"], list[dict[str, Any]]()
     transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":

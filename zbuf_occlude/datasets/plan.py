@@ -141,6 +141,8 @@ class DatasetConfig:
         None: they have the collection's own splits.
     overlap : (float, float) or None
         Of two views, for the format pairs: the share of what the one sees that the other sees too, from and to.
+    depth_unit : float or None
+        Metres per step of the depth images of frames and bop; None: the finest power of ten for each object or image.
     seed : int
 
     Raises
@@ -170,6 +172,7 @@ class DatasetConfig:
     scanning: Mapping[str, Any] | None = None
     split: Sequence[float] | None = None
     overlap: Sequence[float] | None = None
+    depth_unit: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -211,6 +214,8 @@ class DatasetConfig:
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
             low, high = self.overlap
             raise OptionError(f"overlap must be shares above 0 and up to 1, A..B with A <= B; got {low:g}..{high:g}.")
+        if self.depth_unit is not None and not 0.0 < self.depth_unit < np.inf:
+            raise OptionError(f"--depth-unit must be metres above 0; got {self.depth_unit:g}.")
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))

@@ -17,7 +17,7 @@ from zbuf_occlude.datasets.plan import Numbers, Plan
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.sensors.bop import BopWriter
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.frames import Frame, check_pinhole, depth_unit, frame_at, frame_files
+from zbuf_occlude.sensors.frames import DEPTH_LEVELS, Frame, check_pinhole, depth_unit, frame_at, frame_files
 from zbuf_occlude.sensors.scenes.scene import Scene
 
 PATHS = "valid_paths.json"
@@ -28,7 +28,8 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ with the files of `write_frames`, 000 the first view; and valid_paths.json.
 
     World space is the scans': metres, the middle of the object's box at the origin, z up. Instance 0 is the object.
-    The depth pictures of a dataset have one unit for each object. Objects of which a view meets nothing are left out.
+    Without `depth_unit` the depth images have one unit for each object. Objects of which a view meets nothing are left
+    out.
     """
     plan, names, files, paths = source.plan, names_of(source.plan), dict[str, list[str]](), list[str]()
     n_clouds, n_views = dict[str, int](), len(source.plan.views)
@@ -39,7 +40,8 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
             mesh_id, variation = int(first["mesh_id"]), int(first["variation"])
             name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
-            unit = depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
+            unit = plan.recipe.depth_unit
+            unit = unit or depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
             frames = (frame for _, frame in measured_frames(source, of_views))
             written = frame_files(out / paths[-1], frames, unit)
             files[split] += [f"{paths[-1]}/{each}" for each in written]
@@ -90,6 +92,13 @@ def check_frames(plan: Plan) -> None:
     check_as_they_are(plan)
     if recipe.setup.takes_time and recipe.setup.sensor_model.rays().times is not None:
         raise OptionError(f"{plan.format} must be of a camera and objects at rest; they move. Give readout=0.")
+    reach, unit = recipe.setup.sensor_model.noise_model.range_max, recipe.depth_unit
+    if unit is not None and reach > unit * DEPTH_LEVELS:
+        raise OptionError(
+            f"--depth-unit must reach as far as the sensor measures; {DEPTH_LEVELS:,} steps of {unit:g} end at "
+            f"{unit * DEPTH_LEVELS:.4g} m, {recipe.setup.sensor_model.name} measures up to {reach:g} m. Give a larger "
+            f"unit, or --set-sensor range_max={0.99 * unit * DEPTH_LEVELS:.3g}."
+        )
     if recipe.setup.keep != "all":
         raise OptionError(f"{plan.format} must have the pixels of all objects, --keep all; got {recipe.setup.keep}.")
 
@@ -102,7 +111,7 @@ def export_bop(source: CloudReader, out: Path) -> Exported:
     """
     plan, n_views = source.plan, len(source.plan.views)
     assert plan.recipe.setup is not None
-    writer = BopWriter(out, background=(), method=plan.recipe.setup.method)
+    writer = BopWriter(out, background=(), unit=plan.recipe.depth_unit, method=plan.recipe.setup.method)
     names, n_clouds = dict[str, list[str]](), dict[str, int]()
     for split, numbers in whole_objects(source).items():
         names[split], n_clouds[split] = [], numbers.size
