@@ -31,6 +31,7 @@ MESHES = [
     ("arm chair/test/a-b.c.off", "arm chair", "val"),
 ]
 NAMES = {"airplane": "02691156", "arm chair": "arm_chair"}
+OF_A_CAMERA = ("frames", "bop", "organized-pcd", "mcap")
 PAIRS = [row.name for row in FORMATS if row.exported_from == "packed"]
 LAYOUTS = [row.name for row in FORMATS if row.exported_from]
 N_VIEWS = {"pcn": 8, "completion3d": 1, "mvp": 26, "projected-shapenet": 16, "shapenet55": 1, "epn3d": 6}
@@ -55,8 +56,8 @@ def recipe_for(row: Format, n_points: int, sample_size: int) -> DatasetConfig:
     """Return a recipe of few views that a format can hold."""
     views = str(row.options.get("views", "ring:3@10"))
     recipe = DatasetConfig(method="exact", n_points=n_points, views=views, sample_size=sample_size)
-    if row.name in ("frames", "bop"):
-        recipe = replace(recipe, scanning=camera(), attributes=("normals",))
+    if row.name in OF_A_CAMERA:
+        recipe = replace(recipe, scanning=camera())
     if row.name == "kitti":
         recipe = replace(recipe, views="ring:1@0", scanning=lidar(), attributes=("boxes",))
     return row.redrawn(recipe)
@@ -289,7 +290,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
     assert victim.relative_to(root).as_posix() in fault
 
 
-@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "frames", "bop", "voxels")])
+@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "voxels", *OF_A_CAMERA)])
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"
@@ -303,7 +304,7 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
             assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
 
 
-@pytest.mark.parametrize("format", ["frames", "bop", "voxels"])
+@pytest.mark.parametrize("format", ["voxels", *OF_A_CAMERA])
 def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=f"generate --format {format}"):
         convert(made("frames"), tmp_path / "converted", format)

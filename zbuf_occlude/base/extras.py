@@ -18,6 +18,7 @@ EXTRAS = {
     "embreex": "embree",
     "jinja2": "report",
     "matplotlib": "report",
+    "mcap_ros2": "mcap",
     "open3d": "open3d",
     "pyarrow": "parquet",
     "pyrender": "pyrender",

@@ -83,6 +83,15 @@ def rotations_of(quaternions: ArrayLike) -> FloatArray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def quaternion_of(rotation: ArrayLike) -> FloatArray:
+    """Return the unit quaternion (4,), w x y z, of a rotation (3, 3)."""
+    from trimesh.transformations import quaternion_from_matrix  # late: few need it, and the import takes a moment
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    return np.asarray(quaternion_from_matrix(matrix))
+
+
 class Frusta(NamedTuple):
     """Off-centre frusta, one for each of k cameras; each field is (k,).
 

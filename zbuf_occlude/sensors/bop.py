@@ -202,7 +202,7 @@ class BopWriter:
                     self._write("camera.json", _json(_lens(frame, unit)))
                 self._write(f"{subfolder}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.rgba[..., :3])))
                 self._write(f"{subfolder}/depth/{view:06d}.png", png(depth_steps(frame.depth, unit)))
-                lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
+                lens = {"cam_K": frame.opencv_intrinsics.ravel().tolist(), "depth_scale": unit * MILLIMETRES}
                 cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
                 poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
                 counts[str(view)] = [
@@ -332,13 +332,8 @@ def _diameter(vertices: FloatArray) -> float:
     return float(max(np.linalg.norm(block, axis=2).max() for block in blocks))
 
 
-def _bop_matrix(frame: Frame) -> FloatArray:
-    """Return K with the origin at the first pixel's centre."""
-    return frame.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-
-
 def _lens(frame: Frame, unit: float) -> dict[str, Any]:
-    (fx, _, cx), (_, fy, cy), _ = _bop_matrix(frame).tolist()
+    (fx, _, cx), (_, fy, cy), _ = frame.opencv_intrinsics.tolist()
     height, width = frame.depth.shape
     return {
         "cx": cx, "cy": cy, "fx": fx, "fy": fy, "width": width, "height": height, "depth_scale": unit * MILLIMETRES

@@ -118,10 +118,29 @@ class Frame:
     @property
     def points(self) -> FloatArray:
         """Centres of the measured pixels at their depths, world space, (n, 3), row by row."""
-        rows, columns = np.nonzero(np.isfinite(self.depth))
-        rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1) @ np.linalg.inv(self.intrinsics).T
         rotation, origin = self.extrinsics[:, :3], self.extrinsics[:, 3]
-        return np.asarray((rays * self.depth[rows, columns, None].astype(np.float64) - origin) @ rotation)
+        return np.asarray((self.organized[np.isfinite(self.depth)] - origin) @ rotation)
+
+    @property
+    def organized(self) -> FloatArray:
+        """Points of all pixels, (h, w, 3), OpenCV's camera space; NaN where there is no depth."""
+        (fx, _, cx), (_, fy, cy), _ = self.intrinsics
+        height, width = self.depth.shape
+        depth = np.where(np.isfinite(self.depth), self.depth, np.nan).astype(np.float64)
+        x, y = (np.arange(width) + 0.5 - cx) / fx, (np.arange(height) + 0.5 - cy) / fy
+        return np.stack([x * depth, y[:, None] * depth, depth], axis=-1)
+
+    @property
+    def opencv_intrinsics(self) -> FloatArray:
+        """K (3, 3) with the centre of the first pixel at (0, 0), as OpenCV, ROS, BOP and Open3D have it."""
+        return self.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+    @property
+    def camera(self) -> dict[str, Any]:
+        """K, R and t (world space to OpenCV's camera space), width and height as plain data, as `from_json` reads."""
+        height, width = self.depth.shape
+        matrices = {"K": self.intrinsics, "R": self.extrinsics[:, :3], "t": self.extrinsics[:, 3]}
+        return {**{name: values.tolist() for name, values in matrices.items()}, "width": width, "height": height}
 
     def with_depths(self, rows: IntArray, columns: IntArray, points: FloatArray) -> "Frame":
         """Return the frame with the depths of points (n, 3), world space, at pixels; the nearest of each pixel."""
@@ -160,9 +179,8 @@ class Frame:
         ]
         color, depth = (open3d.geometry.Image(each) for each in pixels)
         image = open3d.geometry.RGBDImage.create_from_color_and_depth(color, depth, 1.0, np.inf, False)
-        # Open3D's origin is the first pixel's centre
-        (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
-        return image, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx - 0.5, cy - 0.5)
+        (fx, _, cx), (_, fy, cy), _ = self.opencv_intrinsics.tolist()
+        return image, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx, cy)
 
 
 def frames(
@@ -568,7 +586,7 @@ def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
     folder.mkdir(parents=True, exist_ok=True)
     files = {"file_path": "", "depth_file_path": "_depth", "depth_path": "_depth", "mask_path": "_mask"}
     for number, frame in enumerate(found):
-        stem, outside = f"{number:03d}", frame.extrinsics
+        stem = f"{number:03d}"
         for name, content in _files(frame, stem, unit).items():
             (folder / name).write_bytes(content)
             names.append(name)
@@ -577,9 +595,7 @@ def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
         lenses.append({"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": width, "h": height})
         placed.append({key: f"{stem}{end}.png" for key, end in files.items()})
         placed[-1]["transform_matrix"] = frame.camera_to_world.tolist()
-        matrices = {"K": frame.intrinsics, "R": outside[:, :3], "t": outside[:, 3]}
-        cameras.append({name: values.tolist() for name, values in matrices.items()})
-        cameras[-1] |= {"width": width, "height": height, "depth_unit": unit}
+        cameras.append({**frame.camera, "depth_unit": unit})
     one = lenses[0] if lenses and all(lens == lenses[0] for lens in lenses) else {}
     if one:
         one = {"camera_angle_x": 2.0 * np.arctan(one["w"] / (2.0 * one["fl_x"])), **one}

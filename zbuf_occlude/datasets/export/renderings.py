@@ -1,6 +1,6 @@
-"""Pictures of a pinhole camera: frames, as readers of renderings for NeRF have them, and scenes of BOP's benchmark."""
+"""Views of a pinhole camera: frames as readers of NeRF's renderings have them, BOP's scenes, clouds for PCL and ROS."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.sensors.bop import BopWriter
 from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.frames import DEPTH_LEVELS, Frame, check_pinhole, depth_unit, frame_at, frame_files
+from zbuf_occlude.sensors.ros import mcap_file, organized_files
 from zbuf_occlude.sensors.scenes.scene import Scene
 
 PATHS = "valid_paths.json"
@@ -25,11 +26,36 @@ PATHS = "valid_paths.json"
 
 
 def export_frames(source: CloudReader, out: Path) -> Exported:
-    """Write SPLIT/CLASS/OBJECT[-VARIATION]/ with the files of `write_frames`, 000 the first view; and valid_paths.json.
+    """Write the files of `write_frames` for each object. Without `depth_unit` each object has its own unit of depth."""
 
-    World space is the scans': metres, the middle of the object's box at the origin, z up. Instance 0 is the object.
-    Without `depth_unit` the depth images have one unit for each object. Objects of which a view meets nothing are left
-    out.
+    def write(folder: Path, of_views: Numbers) -> list[str]:
+        unit = source.plan.recipe.depth_unit
+        unit = unit or depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
+        return frame_files(folder, _frames(source, of_views), unit)
+
+    return _export_objects(source, out, write)
+
+
+def export_organized(source: CloudReader, out: Path) -> Exported:
+    """Write the files of `organized_files` for each object."""
+    return _export_objects(source, out, lambda folder, of_views: organized_files(folder, _frames(source, of_views)))
+
+
+def export_mcap(source: CloudReader, out: Path) -> Exported:
+    """Write the file of `mcap_file` for each object."""
+    return _export_objects(source, out, lambda folder, of_views: mcap_file(folder, _frames(source, of_views)))
+
+
+def _frames(source: CloudReader, of_views: Numbers) -> Iterator[Frame]:
+    return (frame for _, frame in measured_frames(source, of_views))
+
+
+def _export_objects(source: CloudReader, out: Path, write: Callable[[Path, Numbers], list[str]]) -> Exported:
+    """Write SPLIT/CLASS/OBJECT[-VARIATION]/ for each object, 000 the first view; and valid_paths.json.
+
+    `write` writes the files of some clouds into a folder and returns their names. World space is the scans': metres,
+    the middle of the object's box at the origin, z up. Instance 0 is the object. Objects of which a view meets nothing
+    are left out.
     """
     plan, names, files, paths = source.plan, names_of(source.plan), dict[str, list[str]](), list[str]()
     n_clouds, n_views = dict[str, int](), len(source.plan.views)
@@ -40,11 +66,7 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
             mesh_id, variation = int(first["mesh_id"]), int(first["variation"])
             name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
-            unit = plan.recipe.depth_unit
-            unit = unit or depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
-            frames = (frame for _, frame in measured_frames(source, of_views))
-            written = frame_files(out / paths[-1], frames, unit)
-            files[split] += [f"{paths[-1]}/{each}" for each in written]
+            files[split] += [f"{paths[-1]}/{each}" for each in write(out / paths[-1], of_views)]
     atomic.write_json(out / PATHS, paths)
     return Exported(files, n_clouds, left_out=incomplete(source))
 
@@ -78,29 +100,42 @@ def measured_frames(source: CloudReader, of_views: Numbers) -> Iterator[tuple[Sc
             yield scene, frame.with_depths(record["ring"], record["column"], record["data"])
 
 
-def check_frames(plan: Plan) -> None:
-    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, at rest, as they are.
-
-    UnavailableError where pictures cannot be written.
-    """
+def check_camera(plan: Plan) -> None:
+    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, at rest, as they are."""
     recipe = plan.recipe
-    if lacking := missing("PIL"):
-        raise UnavailableError(f"--format {plan.format} {lacking}")
     if recipe.setup is None:
         raise OptionError(f"{plan.format} must be of a pinhole camera; got --sensor surface. Leave it out.")
     check_pinhole(recipe.setup.sensor_model)
     check_as_they_are(plan)
     if recipe.setup.takes_time and recipe.setup.sensor_model.rays().times is not None:
         raise OptionError(f"{plan.format} must be of a camera and objects at rest; they move. Give readout=0.")
-    reach, unit = recipe.setup.sensor_model.noise_model.range_max, recipe.depth_unit
-    if unit is not None and reach > unit * DEPTH_LEVELS:
-        raise OptionError(
-            f"--depth-unit must reach as far as the sensor measures; {DEPTH_LEVELS:,} steps of {unit:g} end at "
-            f"{unit * DEPTH_LEVELS:.4g} m, {recipe.setup.sensor_model.name} measures up to {reach:g} m. Give a larger "
-            f"unit, or --set-sensor range_max={0.99 * unit * DEPTH_LEVELS:.3g}."
-        )
     if recipe.setup.keep != "all":
         raise OptionError(f"{plan.format} must have the pixels of all objects, --keep all; got {recipe.setup.keep}.")
+
+
+def check_frames(plan: Plan) -> None:
+    """Raise as `check_camera`, or OptionError where depths may exceed the steps of a depth image.
+
+    UnavailableError where pictures cannot be written.
+    """
+    if lacking := missing("PIL"):
+        raise UnavailableError(f"--format {plan.format} {lacking}")
+    check_camera(plan)
+    unit, setup = plan.recipe.depth_unit, plan.recipe.setup
+    if unit is not None and setup is not None and setup.sensor_model.noise_model.range_max > unit * DEPTH_LEVELS:
+        sensor, end = setup.sensor_model, unit * DEPTH_LEVELS
+        raise OptionError(
+            f"--depth-unit must reach as far as the sensor measures; {DEPTH_LEVELS:,} steps of {unit:g} end at "
+            f"{end:.4g} m, {sensor.name} measures up to {sensor.noise_model.range_max:g} m. Give a larger unit, or "
+            f"--set-sensor range_max={0.99 * end:.3g}."
+        )
+
+
+def check_mcap(plan: Plan) -> None:
+    """Raise as `check_camera`; UnavailableError where messages cannot be written."""
+    if lacking := missing("mcap_ros2"):
+        raise UnavailableError(f"--format {plan.format} {lacking}")
+    check_camera(plan)
 
 
 def export_bop(source: CloudReader, out: Path) -> Exported:
@@ -132,3 +167,5 @@ def check_bop(plan: Plan) -> None:
 
 FRAMES = Layout(export_frames, check_frames)
 BOP = Layout(export_bop, check_bop)
+ORGANIZED = Layout(export_organized, check_camera)
+MCAP = Layout(export_mcap, check_mcap)
