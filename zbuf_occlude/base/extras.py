@@ -19,6 +19,7 @@ EXTRAS = {
     "jinja2": "report",
     "matplotlib": "report",
     "mcap_ros2": "mcap",
+    "networkx": "scenes",
     "open3d": "open3d",
     "pyarrow": "parquet",
     "pyrender": "pyrender",

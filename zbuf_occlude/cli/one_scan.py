@@ -93,7 +93,7 @@ def scan_command(
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
-    if setup.share is not None or setup.objects:
+    if setup.may_hide:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (the requested share could not be reached)"

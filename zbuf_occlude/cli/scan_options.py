@@ -233,18 +233,20 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
                 raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
         return None
     sensor = parse_sensor(options["sensor"], options["set_sensor"], options["camera"])
-    scene, objects = options["scene"], list[dict[str, Any]]()
+    scene, of_file = options["scene"], dict[str, Any]()
     transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":
-        scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
-    if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.no_motion_reason:
+        scene, of_file = "file", read_scene(Path(scene))
+        of_file["objects"] = with_checksums(of_file["objects"], colors=bool(transparent))
+    moving = any(each.get("velocity") or each.get("turn") for each in of_file.get("objects", ()))
+    if moving and sensor.no_motion_reason:
         echo(f"warning: moving objects stand still: {sensor.no_motion_reason}", err=True)
     setup = ScanConfig(
         sensor.to_dict(),
         range=options["range_"],
         size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
-        objects=objects,
+        **of_file,
         hidden=options["hidden"],
         keep=options["keep"],
         keep_clean=options["keep_clean"],
