@@ -24,7 +24,7 @@ def chair() -> zo.Mesh:
 def test_at_each_place_the_mask_is_that_of_the_definition(chair: zo.Mesh) -> None:
     """Visible and hidden points together are the same sample everywhere; the oracle says which are which."""
     samples = zo.sample_surface(chair, n_points=N, seed=0)
-    eyes = zo.views.ring(6, 25.0, distance=2.0).around(chair.centre, chair.longest_side).eyes
+    eyes = zo.views.ring(6, elevation=25.0, distance=2.0).around(chair.centre, chair.longest_side).eyes
     masks = zo.prepare(chair, "oracle").visible(samples, eyes)
     assert len(np.unique(masks.sum(axis=1))) > 3, "places that see different numbers of points"
     with MovingCamera(chair) as camera:
@@ -37,7 +37,7 @@ def test_at_each_place_the_mask_is_that_of_the_definition(chair: zo.Mesh) -> Non
 
 
 def test_without_a_sensor_turning_changes_nothing(chair: zo.Mesh) -> None:
-    pose = look_at(chair.centre + [2.0 * chair.longest_side, 0.3, 0.2], chair.centre)
+    pose = look_at(chair.centre + np.array([2.0 * chair.longest_side, 0.3, 0.2]), chair.centre)
     away = pose.copy()
     away[:3, :2] *= -1.0
     with MovingCamera(chair) as camera:
@@ -58,7 +58,7 @@ def test_of_a_box_from_afar_the_sides_in_front_are_seen() -> None:
 def test_with_a_sensor_the_cloud_is_its_scan(chair: zo.Mesh, noise: bool) -> None:
     sensor = SENSORS["realsense-d435"]
     mesh = chair.transformed(1.0 / chair.longest_side)
-    pose = look_at(mesh.centre + [1.4, 0.3, 0.5], mesh.centre)
+    pose = look_at(mesh.centre + np.array([1.4, 0.3, 0.5]), mesh.centre)
     expected = zo.scan(mesh, sensor if noise else sensor.with_numbers(noise=0.0), pose, seed=0)
     with MovingCamera(mesh) as camera:
         seen = camera.see(pose, N, sensor, has_noise=noise)
@@ -71,7 +71,7 @@ def test_with_a_sensor_the_cloud_is_its_scan(chair: zo.Mesh, noise: bool) -> Non
 
 def test_the_cloud_is_saved_and_read_again(chair: zo.Mesh, tmp_path: Path) -> None:
     with MovingCamera(chair) as camera:
-        seen = camera.see(look_at(chair.centre + [2.0, 1.0, 1.0], chair.centre), N)
+        seen = camera.see(look_at(chair.centre + np.array([2.0, 1.0, 1.0]), chair.centre), N)
     seen.cloud.save(tmp_path / "cloud.ply")
     assert np.allclose(trimesh.load(tmp_path / "cloud.ply").vertices, seen.cloud.points)
 

@@ -29,9 +29,9 @@ from zbuf_occlude.sensors import Sensor, look_at
 from zbuf_occlude.views import Views, from_angles
 
 NO_SENSOR = "none"
-START = -35.0, 20.0, 2.0
+START = -35.0, 20.0, 1.7
 """Azimuth and elevation, degrees, and distance in longest sides, at which the camera begins."""
-ONLOOKER = np.array([3.9, 1.2, 2.0])
+ONLOOKER = np.array([3.1, 2.4, 1.9])
 """Position from which the page shows object and camera first, where the longest side is 1."""
 NEAREST, FARTHEST = 0.5, 20.0
 """Ends of the slider of the range, longest sides."""
