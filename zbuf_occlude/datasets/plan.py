@@ -197,13 +197,13 @@ class DatasetConfig:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
         for name in self.attributes:
             check_choice("attribute", name, (*ATTRIBUTES, BOXES))
+        if BOXES in self.attributes and self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
             raise OptionError(
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
-        if BOXES in self.attributes and self.complete:
-            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
         if "colors" in self.attributes and (lacking := missing("PIL")):
