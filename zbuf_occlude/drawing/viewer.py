@@ -37,7 +37,7 @@ NEAREST, FARTHEST = 0.5, 20.0
 """Ends of the slider of the range, longest sides."""
 MOST_POINTS = 200_000
 """End of the slider of the number of points."""
-BLUE, GREY, BLACK = (61, 111, 180), (205, 205, 205), (40, 40, 40)
+BLUE, GREY, BLACK = (84, 148, 225), (205, 205, 205), (40, 40, 40)
 LIGHT = np.array([0.36, -0.48, 0.8])
 """Direction from which points are lit."""
 MARK, HIDDEN_MARK = 0.7, 0.45
@@ -382,9 +382,9 @@ class CloudsViewer(Viewer):
         self._shows_hidden = gui.add_checkbox("Hidden part", True, hint="In grey, where the dataset has it")
         self._add_saving()
         self._on_change(self._number, self._shows_hidden)
-        self._frustum = self._server.scene.add_camera_frustum(
-            "/camera", *OPENING, scale=0.22, color=BLACK, thickness=0.01
-        )
+        scene, nothing = self._server.scene, np.zeros((1, 2, 3), np.float32)
+        self._frustum = scene.add_camera_frustum("/camera", *OPENING, scale=0.22, color=BLACK, thickness=0.01)
+        self._axis = scene.add_line_segments("/axis", nothing, BLACK, thickness=1.0, thickness_units="screen")
 
     def _previous(self) -> None:
         _set_value(self._number, (self._number.value - 1) % self._n_clouds)
@@ -395,12 +395,14 @@ class CloudsViewer(Viewer):
     def _show(self) -> tuple[str, ...]:
         found = self._found = self._read(self._number.value)
         hidden = found.hidden if self._shows_hidden.value else found.hidden[:0]
-        gap = 1.4 / np.sqrt(max(len(found.points), 1))  # as if the surface were that of a cube's two sides
+        gap = 1.0 / np.sqrt(max(len(found.points), 1))  # as of a surface as large as one side of the box
         with self._server.atomic():
-            self._draw_points(self._seen_points, found.points, None, gap)
+            self._draw_points(self._seen_points, found.points, _by_distance(found.points, found.eye), gap)
             self._draw_points(self._hidden_points, hidden, None, gap)
-            self._frustum.visible = found.eye is not None
+            self._frustum.visible = self._axis.visible = found.eye is not None
             if found.eye is not None:
+                near = 0.8 * found.eye / np.linalg.norm(found.eye)  # outside the box
+                self._axis.points = np.stack([found.eye, near])[None].astype(np.float32)
                 self._frustum.position = found.eye
                 self._frustum.wxyz = SO3.from_matrix(look_at(found.eye, np.zeros(3))[:3, :3] @ FRUSTUM).wxyz
         return (found.title, *(f"{name}: {value}" for name, value in found.facts.items()))
@@ -429,7 +431,14 @@ def _description(seen: SeenCloud, sensor: Sensor | None) -> tuple[str, str]:
 
 def _lit(normals: FloatArray) -> NDArray[np.uint8]:
     """Return the colours (n, 3) of points with these normals: blue, the lighter the more they face the light."""
-    shade = 0.55 + 0.45 * np.abs(unit_vectors(normals) @ LIGHT)
+    shade = 0.5 + 0.5 * np.abs(unit_vectors(normals) @ LIGHT)
+    return np.asarray((shade[:, None] * BLUE).astype(np.uint8))
+
+
+def _by_distance(points: FloatArray, eye: FloatArray | None) -> NDArray[np.uint8]:
+    """Return the colours (n, 3) of points: blue, the nearer to the camera the lighter, or else the higher."""
+    far = -points[:, 2] if eye is None else np.linalg.norm(points - eye, axis=1)
+    shade = np.interp(far, [far.min(), far.max()], [1.0, 0.5])
     return np.asarray((shade[:, None] * BLUE).astype(np.uint8))
 
 
