@@ -157,7 +157,7 @@ def stored_cloud(source: CloudReader, number: int) -> "StoredCloud":
     record, plan = source.take(np.array([number]))[0], source.plan
     is_real = source.sweeps is not None
     hidden = np.empty((0, 3)) if is_real else hidden_part(record, source)
-    positions, eye, _, hidden = upright(record, plan.recipe, hidden)
+    positions, eye, _, hidden = upright(record, plan.config, hidden)
     azimuth, elevation, distance = record["view"]
     facts = {
         "object": plan.meshes[int(record["mesh_id"])].key,
