@@ -26,7 +26,7 @@ need("viser")
 from zbuf_occlude.drawing.viewer import ONLOOKER, CloudsViewer, MeshViewer, StoredCloud, Viewer  # noqa: E402
 
 N, SIZE = 2000, (900, 480)
-PATIENCE = 30.0
+PATIENCE = 60.0
 SERVED = {"host": "127.0.0.1", "port": 0}
 
 

@@ -23,7 +23,6 @@ from viser.transforms import SO3
 from zbuf_occlude.base.arrays import FloatArray, unit_vectors
 from zbuf_occlude.base.errors import OccludeError, OptionError
 from zbuf_occlude.drawing.seen_cloud import MovingCamera, SeenCloud, spacing
-from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.sensors import Sensor, look_at
 from zbuf_occlude.views import Views, from_angles
@@ -88,6 +87,7 @@ class Viewer(ABC):
     def __init__(self, title: str, out: Path, *, host: str, port: int) -> None:
         _check_address(host, port)
         self._out = out
+        self._write: Callable[[Path], None] | None = None  # writes the cloud that is shown
         self._events: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         with redirect_stdout(io.StringIO()):  # viser prints a panel
             self._server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
@@ -128,11 +128,7 @@ class Viewer(ABC):
 
     @abstractmethod
     def _show(self) -> tuple[str, ...]:
-        """Draw the present state; return lines that describe it, the first in bold."""
-
-    @abstractmethod
-    def _write(self, path: Path) -> None:
-        """Write the cloud that is shown into a file."""
+        """Draw the present state and set `_write`; return lines that describe it, the first in bold."""
 
     def _next_events(self) -> list[Callable[[], None]]:
         """Wait for an event; return all that came since, or none after `close`."""
@@ -160,6 +156,8 @@ class Viewer(ABC):
 
     def _save(self) -> None:
         """Write the cloud into the first file that does not exist."""
+        if self._write is None:
+            return
         number = 1
         while (path := self._out.with_stem(f"{self._out.stem}-{number}")).exists():
             number += 1
@@ -167,7 +165,7 @@ class Viewer(ABC):
         self._saved.content = _paragraphs(f"saved: {path.absolute()}")
 
     def _say(self, first: str, *others: str) -> None:
-        self._status.content = _paragraphs(f"{first}", *others, is_bold=True)
+        self._status.content = _paragraphs(first, *others, is_bold=True)
 
     def _draw_points(self, handle: Any, points: FloatArray, colours: NDArray[np.uint8] | None, gap: float) -> None:
         """Show points, with their own colours if there are any, so large that those a gap apart nearly touch."""
@@ -220,7 +218,6 @@ class MeshViewer(Viewer):
         self._sensors = sensors
         self._rotation: FloatArray = np.eye(3)
         self._onlooker: viser.CameraHandle | None = None
-        self._cloud: Cloud
         super().__init__(title, out, host=host, port=port)
         self._add_inputs(sensor, n_points)
         scene = self._server.scene
@@ -268,6 +265,7 @@ class MeshViewer(Viewer):
         self._on_change(self._n_points, self._sensor, self._noise, self._shows_hidden, self._shows_mesh)
 
     def _watch_onlooker(self, client: viser.ClientHandle) -> None:
+        self._onlooker = client.camera
         client.camera.on_update(self._note_onlooker)
 
     def _note_onlooker(self, camera: viser.CameraHandle) -> None:
@@ -326,7 +324,7 @@ class MeshViewer(Viewer):
         began = perf_counter()
         seen = self._camera.see(pose, self._n_points.value, sensor, has_noise=self._noise.value)
         seconds = perf_counter() - began
-        self._cloud = seen.cloud
+        self._write = seen.cloud.save
         gap = spacing(self._camera.mesh, seen.n_sampled) / self._camera.mesh.longest_side
         hidden = seen.hidden if self._shows_hidden.value else seen.hidden[:0]
         with self._server.atomic():
@@ -336,9 +334,6 @@ class MeshViewer(Viewer):
             self._noise.visible = sensor is not None
             self._draw_frustum(sensor)
         return (*_description(seen, sensor), f"answered in {1e3 * seconds:.1f} ms")
-
-    def _write(self, path: Path) -> None:
-        self._cloud.save(path)
 
     def _draw_frustum(self, sensor: Sensor | None) -> None:
         """Turn the frustum as the camera; it has the field of view of a pinhole."""
@@ -373,12 +368,11 @@ class CloudsViewer(Viewer):
         self, n_clouds: int, read: Callable[[int], StoredCloud], *, title: str, out: Path, host: str, port: int
     ) -> None:
         self._read, self._n_clouds = read, n_clouds
-        self._found: StoredCloud
         super().__init__(title, out, host=host, port=port)
         gui = self._gui
         self._number = gui.add_slider("Cloud", 0, max(n_clouds - 1, 0), 1, 0)
         steps = gui.add_button_group("Step", ("previous", "next"))
-        steps.on_click(lambda _: self._events.put({"previous": self._previous, "next": self._next}[steps.value]))
+        steps.on_click(lambda _: self._step(1 if steps.value == "next" else -1))
         self._shows_hidden = gui.add_checkbox("Hidden part", True, hint="In grey, where the dataset has it")
         self._add_saving()
         self._on_change(self._number, self._shows_hidden)
@@ -386,14 +380,13 @@ class CloudsViewer(Viewer):
         self._frustum = scene.add_camera_frustum("/camera", *OPENING, scale=0.22, color=BLACK, thickness=0.01)
         self._axis = scene.add_line_segments("/axis", nothing, BLACK, thickness=1.0, thickness_units="screen")
 
-    def _previous(self) -> None:
-        _set_value(self._number, (self._number.value - 1) % self._n_clouds)
-
-    def _next(self) -> None:
-        _set_value(self._number, (self._number.value + 1) % self._n_clouds)
+    def _step(self, by: int) -> None:
+        _set_value(self._number, (self._number.value + by) % self._n_clouds)
+        self._events.put(_draw_again)
 
     def _show(self) -> tuple[str, ...]:
-        found = self._found = self._read(self._number.value)
+        found = self._read(self._number.value)
+        self._write = found.save
         hidden = found.hidden if self._shows_hidden.value else found.hidden[:0]
         gap = 1.0 / np.sqrt(max(len(found.points), 1))  # as of a surface as large as one side of the box
         with self._server.atomic():
@@ -406,9 +399,6 @@ class CloudsViewer(Viewer):
                 self._frustum.position = found.eye
                 self._frustum.wxyz = SO3.from_matrix(look_at(found.eye, np.zeros(3))[:3, :3] @ FRUSTUM).wxyz
         return (found.title, *(f"{name}: {value}" for name, value in found.facts.items()))
-
-    def _write(self, path: Path) -> None:
-        self._found.save(path)
 
 
 def _draw_again() -> None:
