@@ -8,10 +8,10 @@ import io
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from html import escape
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -110,15 +110,8 @@ class Viewer(ABC):
 
     def run(self) -> None:
         """Answer what is moved in the page, until `close`."""
-        events: list[Callable[[], None]] = [_draw_again]
-        while events:
-            try:
-                for event in dict.fromkeys(events):
-                    event()
-                self._say(*self._show())
-            except (OccludeError, OSError) as error:
-                self._say(str(error))
-            events = self._next_events()
+        while events := self._next_events():
+            self._answer(*events)
 
     def close(self) -> None:
         """End `run` and the server."""
@@ -130,9 +123,21 @@ class Viewer(ABC):
     def _show(self) -> tuple[str, ...]:
         """Draw the present state and set `_write`; return lines that describe it, the first in bold."""
 
+    def _answer(self, *events: Callable[[], None]) -> None:
+        """Take what has changed and show the answer, or what is wrong."""
+        try:
+            for event in dict.fromkeys(events):
+                event()
+            self._say(*self._show())
+        except (OccludeError, OSError) as error:
+            self._say(str(error))
+
     def _next_events(self) -> list[Callable[[], None]]:
         """Wait for an event; return all that came since, or none after `close`."""
-        events = [self._events.get()]
+        events = list[Callable[[], None] | None]()
+        while not events:
+            with suppress(Empty):  # a signal just before an endless wait would not end it
+                events.append(self._events.get(timeout=1.0))
         while not self._events.empty():
             events.append(self._events.get())
         return [] if None in events else [event for event in events if event is not None]
@@ -228,7 +233,7 @@ class MeshViewer(Viewer):
         self._frustum = scene.add_camera_frustum("/camera/frustum", *OPENING, scale=0.14, color=BLACK, thickness=0.01)
         self._gizmo.on_update(lambda _: self._events.put(self._take_gizmo))
         self._server.on_client_connect(self._watch_onlooker)
-        self._take_sliders()
+        self._answer(self._take_sliders)
 
     def close(self) -> None:
         """End `run`, the server and the query."""
@@ -379,6 +384,7 @@ class CloudsViewer(Viewer):
         scene, nothing = self._server.scene, np.zeros((1, 2, 3), np.float32)
         self._frustum = scene.add_camera_frustum("/camera", *OPENING, scale=0.22, color=BLACK, thickness=0.01)
         self._axis = scene.add_line_segments("/axis", nothing, BLACK, thickness=1.0, thickness_units="screen")
+        self._answer()
 
     def _step(self, by: int) -> None:
         _set_value(self._number, (self._number.value + by) % self._n_clouds)
