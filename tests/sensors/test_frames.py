@@ -1,7 +1,6 @@
 """Frames: depth, normals and instances against closed forms, the oracle and Open3D; their files, read back."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,8 @@ from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.geometry.colors import GREY, Material, SurfaceColors
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors.frames import depth_unit
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Placed, moved
-from zbuf_occlude.sensors.setup import ScanConfig
 
 SMALL = {"width": 64, "height": 48}
 CAMERAS = [
@@ -271,15 +270,15 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
     width, height = (20, 30) if from_file else (64, 48)  # those of a file are in the file
     sensor = zo.sensors.make("pinhole", width=width, height=height, fov=30)
-    recipe = DatasetConfig(
+    config = DatasetConfig(
         method="exact",
         views=str(cameras) if from_file else "ring:3@25",
-        scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", method="exact")),
+        scan=ScanConfig(sensor, size="file", keep="all", method="exact"),
         sample_size=None,
         scale="mesh",
         attributes=("normals",),
     )
-    plan = Plan(MeshCollection([MeshEntry("a/box.off", "box", "train", lambda: mesh)]), recipe, "frames")
+    plan = Plan(MeshCollection([MeshEntry("a/box.off", "box", "train", lambda: mesh)]), config, "frames")
     manifest = generate(plan, tmp_path / "out")
     assert manifest["error"]["false_visible"] == manifest["error"]["false_hidden"] == 0.0
     (folder,) = json.loads((tmp_path / "out" / "valid_paths.json").read_text())
@@ -311,15 +310,15 @@ def of_camera(
 ) -> Path:
     """Generate views of a mesh; return the folder of its frames."""
     numbers = {"size": "file", "keep": "all", "range": (1.5, 1.5), **given}
-    recipe = DatasetConfig(
+    config = DatasetConfig(
         method="exact",
         views=views,
         depth_unit=depth_unit,
-        scanning=asdict(ScanConfig(sensor.to_dict(), **numbers)),
+        scan=ScanConfig(sensor, **numbers),
         sample_size=None,
         scale="mesh",
     )
-    generate(Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), recipe, form), folder)
+    generate(Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), config, form), folder)
     return folder / "train/m/m"
 
 
@@ -359,13 +358,17 @@ def test_a_depth_unit_is_that_of_all_datasets(form: str, tmp_path: Path) -> None
         ("pinhole camera; got the sensor vlp-16", "vlp-16", {}),
         ("65,535 steps of 0.001 end at 65.53 m, pinhole measures up to inf m", "pinhole", {}),
         ("pixels of all objects, --keep all; got target", "kinect-v1", {"keep": "target"}),
-        ("must be of a camera and objects at rest", "pinhole:readout=0.1", {"motion": {"velocity": (1.0, 0.0, 0.0)}}),
+        (
+            "must be of a camera and objects at rest",
+            "pinhole:readout=0.1",
+            {"motion": zo.sensors.Motion((1.0, 0.0, 0.0))},
+        ),
     ],
 )
 def test_what_no_frames_are_made_of(message: str, sensor: str, given: dict[str, Any]) -> None:
-    scanning = asdict(ScanConfig(zo.sensors.make(sensor).to_dict(), **{"keep": "all", **given}))
-    recipe = DatasetConfig(scanning=scanning, sample_size=None, scale="mesh", depth_unit=0.001)
-    plan = Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", box)]), recipe, "frames")
+    scan = ScanConfig(zo.sensors.make(sensor), **{"keep": "all", **given})
+    config = DatasetConfig(scan=scan, sample_size=None, scale="mesh", depth_unit=0.001)
+    plan = Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", box)]), config, "frames")
     with pytest.raises(zo.OptionError, match=message):
         find_format("frames").check(plan)
 
@@ -381,16 +384,16 @@ def test_of_several_echoes_a_picture_has_the_first(form: str, tmp_path: Path) ->
     for returns in ("first", "last", "all"):
         numbers = {"width": 64, "height": 48, "fov": 40, "divergence": 0.02, "echo_separation": 0.1}
         sensor = zo.sensors.make("pinhole", returns=returns, **numbers)
-        recipe = DatasetConfig(
+        config = DatasetConfig(
             method="exact",
             views="ring:1@0",
-            scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", range=(4.0, 4.0), method="exact")),
+            scan=ScanConfig(sensor, size="file", keep="all", range=(4.0, 4.0), method="exact"),
             sample_size=None,
             scale="mesh",
             attributes=("normals",),
         )
         generate(
-            Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), recipe, form), tmp_path / returns
+            Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), config, form), tmp_path / returns
         )
         (file,) = (tmp_path / returns).glob("**/*_depth.png" if form == "frames" else "**/depth/*.png")
         shown[returns] = np.array(image.open(file))

@@ -15,11 +15,11 @@ from tests.sensors.test_scenes import seeds
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import captured_scenes, captures, in_metres, sensor_views
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Scene
 from zbuf_occlude.sensors.scenes.contents import Pool, read_scene, surroundings
 from zbuf_occlude.sensors.scenes.kinds import plate_mesh
 from zbuf_occlude.sensors.scenes.table import footprint, put_at_rest, stable_poses
-from zbuf_occlude.sensors.setup import ScanConfig
 
 pytestmark = [pytest.mark.needs("networkx"), pytest.mark.needs("scipy")]
 PART = box((0.06, 0.04, 0.1))
@@ -27,7 +27,7 @@ VIEWS = zo.views.parse("fibonacci:6@20..60")
 
 
 def scenes_of(seed: int = 0, mesh: zo.Mesh = PART, **given: Any) -> list[Scene]:
-    asked = ScanConfig(make("realsense-d435").to_dict(), keep="all", size="file", range=(0.6, 0.6), **given)
+    asked = ScanConfig(make("realsense-d435"), keep="all", size="file", range=(0.6, 0.6), **given)
     standing, size = in_metres(mesh, "part", asked)
     floor, drawn = float(standing.bounds[0, 2]), partial(seeds, seed=seed)
     pool = Pool(surroundings(shapes.collection(n_members=1), asked.scene), {}, asked.scene, np.random.SeedSequence(1))
@@ -148,7 +148,7 @@ def test_the_table_of_the_built_in_scene_has_things_on_it() -> None:
 
 
 def test_cameras_keep_their_elevations_above_a_table() -> None:
-    asked = ScanConfig(make("realsense-d435").to_dict(), keep="all", size="file", range=(0.6, 0.6), scene="table")
+    asked = ScanConfig(make("realsense-d435"), keep="all", size="file", range=(0.6, 0.6), scene="table")
     places = sensor_views(VIEWS, 0.1, -0.05, asked, seeds)
     assert places.elevation == pytest.approx(VIEWS.elevation)
     standing = zo.Mesh(PART.vertices - PART.centre, PART.faces)

@@ -10,7 +10,7 @@ from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.real.crops import DISTINCT, FIT, FRAMES, Crops, Ground, crop_objects
-from zbuf_occlude.sensors.setup import LEAST_POINTS, span_of
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS, span_of
 
 
 @click.command(cls=Command)
@@ -53,8 +53,8 @@ def crop_command(source: Path, out: Path, classes: str | None, ground: str, rang
       CLASS/SWEEP-NUMBER.ply   the clouds: x, y, z in metres
       objects.csv              of each cloud: class, label, sweep, range, direction of the sensor, points, box
 
-    `train`, `evaluate` and `zo.torch.CloudDataset` read the folder. Objects that were cropped before from nearly the
-    same place (--distinct), such as a parked car while the sensor stands, are left out.
+    `view`, `train`, `evaluate` and `zo.torch.CloudDataset` read the folder. Objects that were cropped before from
+    nearly the same place (--distinct), such as a parked car while the sensor stands, are left out.
 
     \b
     Examples:

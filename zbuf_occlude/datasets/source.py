@@ -65,7 +65,7 @@ class CloudReader:
     @property
     def has_ranges(self) -> bool:
         """True where the distances of views are ranges of a sensor, in metres; of some real scans they are NaN."""
-        return self.sweeps is not None or self.plan.recipe.setup is not None
+        return self.sweeps is not None or self.plan.config.scan is not None
 
     @property
     def n_clouds(self) -> dict[str, int]:
@@ -108,7 +108,9 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
 
 
 def open_to_show(folder: Path) -> CloudReader:
-    """Return the clouds of a complete dataset as `open_dataset`, or those of a layout of completion, z up again."""
+    """Return clouds as `open_dataset`, or those of a layout of completion, z up again."""
+    if not (folder / PLAN).exists() and cloud_files(folder):
+        return open_dataset(folder)
     plan, manifest = read_finished(folder)
     read = getattr(find_format(plan.format).load(), "read", None)
     if read is None:
@@ -164,7 +166,7 @@ def source_of_files(
 
     def take(numbers: Numbers) -> Records:
         owners = np.searchsorted(ends, numbers, side="right")
-        records = np.empty(len(numbers), record_type(plan.recipe))
+        records = np.empty(len(numbers), record_type(plan.config))
         for owner in np.unique(owners):
             mine = owners == owner
             with reading(paths[owner]):

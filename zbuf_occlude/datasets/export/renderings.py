@@ -19,6 +19,7 @@ from zbuf_occlude.sensors.bop import BopWriter
 from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.frames import DEPTH_LEVELS, Frame, check_pinhole, depth_unit, frame_at, frame_files
 from zbuf_occlude.sensors.ros import mcap_file, organized_files
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.scene import Scene
 
 PATHS = "valid_paths.json"
@@ -29,7 +30,7 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
     """Write the files of `write_frames` for each object. Without `depth_unit` each object has its own unit of depth."""
 
     def write(folder: Path, of_views: Numbers) -> list[str]:
-        unit = source.plan.recipe.depth_unit
+        unit = source.plan.config.depth_unit
         unit = unit or depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
         return frame_files(folder, _frames(source, of_views), unit)
 
@@ -64,7 +65,7 @@ def _export_objects(source: CloudReader, out: Path, write: Callable[[Path, Numbe
         for of_views in numbers.reshape(-1, n_views):
             first = source.take(of_views[:1])[0]
             mesh_id, variation = int(first["mesh_id"]), int(first["variation"])
-            name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
+            name = names.objects[mesh_id] + (f"-{variation}" if plan.config.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
             files[split] += [f"{paths[-1]}/{each}" for each in write(out / paths[-1], of_views)]
     atomic.write_json(out / PATHS, paths)
@@ -83,34 +84,39 @@ def _depths(record: Any) -> FloatArray:
 
 def measured_frames(source: CloudReader, of_views: Numbers) -> Iterator[tuple[Scene, Frame]]:
     """Yield the scene of each view of an object, and what a camera sees there; the depth is the sensor's."""
-    plan, first = source.plan, source.take(of_views[:1])[0]
-    setup, mesh_id = plan.recipe.setup, int(first["mesh_id"])
-    assert setup is not None
-    views, colored = plan.views_of(plan.meshes[mesh_id].key), "colors" in plan.recipe.attributes
-    scenes = scanned_scenes(plan, mesh_id, int(first["variation"]))
+    plan, scan, first = source.plan, _pinhole_scans(source.plan), source.take(of_views[:1])[0]
+    mesh_id = int(first["mesh_id"])
+    views, colored = plan.views_of(plan.meshes[mesh_id].key), "colors" in plan.config.attributes
+    scenes = scanned_scenes(plan, scan, mesh_id, int(first["variation"]))
     last, occluder = None, None
     with ExitStack() as opened:
         for scene, record in zip(scenes, records_of(source, of_views), strict=True):
             if scene is not last or occluder is None:
                 opened.close()
-                last, occluder = scene, opened.enter_context(prepare_scene(scene, setup.method))
-            sensor = setup.sensor_model.of_view(views, int(record["view_id"]))
+                last, occluder = scene, opened.enter_context(prepare_scene(scene, scan.method))
+            sensor = scan.sensor.of_view(views, int(record["view_id"]))
             size = sensor.pattern["height"], sensor.pattern["width"]
             frame = frame_at(scene, occluder, sensor.intrinsics, record["pose"], size, colored=colored)
             yield scene, frame.with_depths(record["ring"], record["column"], record["data"])
 
 
+def _pinhole_scans(plan: Plan) -> ScanConfig:
+    """Return the scans of a plan; OptionError unless a pinhole camera makes them."""
+    scan = plan.config.scan
+    if scan is None:
+        raise OptionError(f"{plan.format} must be of a pinhole camera; got --sensor surface. Leave it out.")
+    check_pinhole(scan.sensor)
+    return scan
+
+
 def check_camera(plan: Plan) -> None:
     """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, at rest, as they are."""
-    recipe = plan.recipe
-    if recipe.setup is None:
-        raise OptionError(f"{plan.format} must be of a pinhole camera; got --sensor surface. Leave it out.")
-    check_pinhole(recipe.setup.sensor_model)
+    scan = _pinhole_scans(plan)
     check_as_they_are(plan)
-    if recipe.setup.takes_time and recipe.setup.sensor_model.rays().times is not None:
+    if scan.takes_time and scan.sensor.rays().times is not None:
         raise OptionError(f"{plan.format} must be of a camera and objects at rest; they move. Give readout=0.")
-    if recipe.setup.keep != "all":
-        raise OptionError(f"{plan.format} must have the pixels of all objects, --keep all; got {recipe.setup.keep}.")
+    if scan.keep != "all":
+        raise OptionError(f"{plan.format} must have the pixels of all objects, --keep all; got {scan.keep}.")
 
 
 def check_frames(plan: Plan) -> None:
@@ -121,9 +127,9 @@ def check_frames(plan: Plan) -> None:
     if lacking := missing("PIL"):
         raise UnavailableError(f"--format {plan.format} {lacking}")
     check_camera(plan)
-    unit, setup = plan.recipe.depth_unit, plan.recipe.setup
-    if unit is not None and setup is not None and setup.sensor_model.noise_model.range_max > unit * DEPTH_LEVELS:
-        sensor, end = setup.sensor_model, unit * DEPTH_LEVELS
+    unit, sensor = plan.config.depth_unit, _pinhole_scans(plan).sensor
+    if unit is not None and sensor.noise_model.range_max > unit * DEPTH_LEVELS:
+        end = unit * DEPTH_LEVELS
         raise OptionError(
             f"--depth-unit must reach as far as the sensor measures; {DEPTH_LEVELS:,} steps of {unit:g} end at "
             f"{end:.4g} m, {sensor.name} measures up to {sensor.noise_model.range_max:g} m. Give a larger unit, or "
@@ -145,8 +151,7 @@ def export_bop(source: CloudReader, out: Path) -> Exported:
     meshes of the collection, and what fills scenes without one.
     """
     plan, n_views = source.plan, len(source.plan.views)
-    assert plan.recipe.setup is not None
-    writer = BopWriter(out, background=(), unit=plan.recipe.depth_unit, method=plan.recipe.setup.method)
+    writer = BopWriter(out, background=(), unit=plan.config.depth_unit, method=_pinhole_scans(plan).method)
     names, n_clouds = dict[str, list[str]](), dict[str, int]()
     for split, numbers in whole_objects(source).items():
         names[split], n_clouds[split] = [], numbers.size
