@@ -25,6 +25,7 @@ EXTRAS = {
     "ray": "ray",
     "scipy": "bop",
     "torch": "learn",
+    "viser": "view",
     "warp": "warp",
 }
 """Extra that installs each package."""

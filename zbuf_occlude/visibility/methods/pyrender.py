@@ -232,7 +232,7 @@ def depth_slopes(view: FloatArray, frustum: Frusta, points: SurfacePoints, size:
 
 
 def _environment() -> dict[str, str]:
-    """Return the variables with which pyrender draws by EGL, on the device that this process's name."""
+    """Return the variables that make pyrender draw by EGL, on the device that this process's variables name."""
     named = os.environ.get("ZBUF_OCCLUDE_GL", "").partition(":")[2]
     device = os.environ.get("EGL_DEVICE_ID") or named or os.environ.get("GLCONTEXT_DEVICE_INDEX")
     return {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device or str(default_device())}
