@@ -54,9 +54,9 @@ def _frames(source: CloudReader, of_views: Numbers) -> Iterator[Frame]:
 def _export_objects(source: CloudReader, out: Path, write: Callable[[Path, Numbers], list[str]]) -> Exported:
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ for each object, 000 the first view; and valid_paths.json.
 
-    `write` writes the files of some clouds into a folder and returns their names. World space is the scans': metres,
-    the middle of the object's box at the origin, z up. Instance 0 is the object. Objects of which a view meets nothing
-    are left out.
+    `write` writes the files of some clouds into a folder and returns their names. World space is that of the scans:
+    metres, the middle of the object's box at the origin, z up. Instance 0 is the object. Objects that some view does not
+    meet are left out.
     """
     plan, names, files, paths = source.plan, names_of(source.plan), dict[str, list[str]](), list[str]()
     n_clouds, n_views = dict[str, int](), len(source.plan.views)
@@ -147,8 +147,8 @@ def check_mcap(plan: Plan) -> None:
 def export_bop(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/SCENE/ with the files of `write_bop`; a scene is a variation of an object, its images are the views.
 
-    Scenes that hide a drawn share of the object differ by view: each image lists what stands there. Models are the
-    meshes of the collection, and what fills scenes without one.
+    Scenes that hide a drawn share of the object differ by view: each image lists its objects. Models are the meshes of
+    the collection, and the objects that fill scenes without one.
     """
     plan, n_views = source.plan, len(source.plan.views)
     writer = BopWriter(out, background=(), unit=plan.config.depth_unit, method=_pinhole_scans(plan).method)
