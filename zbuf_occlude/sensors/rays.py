@@ -18,6 +18,8 @@ from zbuf_occlude.base.errors import ArgumentError, OptionError
 MOST_RAYS = 8_500_000
 """Maximum rays of a sensor: a mistyped number must not fill the memory."""
 
+PLASTIC = 1.32471795724474602596
+"""Plastic number, the real root of x^3 = x + 1: the base of the sequence R2."""
 RUN_RAYS = 64
 """Neighbouring rays of a ring whose bounding cone `Rays.near` tests before the rays themselves."""
 
@@ -232,6 +234,37 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
     return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
 
 
+def non_repetitive(
+    *, azimuths: Sequence[float], elevations: Sequence[float], rate: float, seconds: float, begin: float = 0.0
+) -> Rays:
+    """Return the rays of a LiDAR whose shots fill its field of view more and more densely; all are of ring 0.
+
+    It approximates patterns that makers do not publish. The shots are evenly spread over the solid angle at any moment
+    and never repeat: the sequence R2 of Roberts (2018), of low discrepancy, in azimuth and in the sine of elevation.
+
+    Parameters
+    ----------
+    azimuths, elevations : (float, float)
+        Edges of the field of view, degrees.
+    rate : float
+        Shots per second.
+    seconds : float
+        Duration of a scan.
+    begin : float
+        Seconds from the first shot of the sequence to the first one of the scan.
+    """
+    n_shots = round(rate * seconds)
+    _check_count(n_shots)
+    shots = np.arange(n_shots, dtype=np.int32)
+    steps = 0.5 + round(begin * rate) + shots
+    (left, right), (low, high) = np.radians(azimuths), np.sin(np.radians(elevations))
+    azimuth = left + (right - left) * (steps / PLASTIC % 1.0)
+    up = low + (high - low) * (steps / PLASTIC**2 % 1.0)
+    level = np.sqrt(1.0 - up**2)
+    directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
+    return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
+
+
 def linear(*, columns: int, spacing: float, rows: int, slopes: Sequence[float]) -> Rays:
     """Return the rays of a line scanner that moves along its y axis, column by column, from left to right.
 
@@ -267,6 +300,7 @@ PATTERNS: dict[str, Callable[..., Rays]] = {
     "pinhole": pinhole,
     "spinning": spinning,
     "risley": risley,
+    "non_repetitive": non_repetitive,
     "linear": linear,
     "list": listed,
 }
