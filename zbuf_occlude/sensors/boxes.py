@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.colors import Bytes
 from zbuf_occlude.sensors.bop import silhouette
-from zbuf_occlude.sensors.casting import prepare_scene
+from zbuf_occlude.sensors.casting import placed_at, prepare_scene
 from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
-from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scenes.kinds import METHOD, prepared
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene
@@ -96,10 +95,7 @@ def _at_scan_time(scene: Scene, found: Scan) -> Scene:
     for number, each in scene.moving.items():
         times = found.times[found.instances == number]
         if len(times):
-            rotations, positions = Motion(each.velocity, each.turn).poses(np.median(times, keepdims=True))
-            pose = each.pose.copy()
-            pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + positions[0]])
-            placed[number] = replace(each, pose=pose)
+            placed[number] = placed_at(each, float(np.median(times)))
         placed[number] = replace(placed[number], velocity=(0.0, 0.0, 0.0), turn=0.0)
     return Scene.joined(placed)
 

@@ -202,7 +202,9 @@ def beside_axis(azimuths: FloatArray, offsets: FloatArray) -> FloatArray:
     return np.stack([-left * np.sin(azimuths), left * np.cos(azimuths), up], axis=1)
 
 
-def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float) -> Rays:
+def risley(
+    *, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float, begin: float = 0.0
+) -> Rays:
     """Return the rays of a LiDAR whose beam passes two rotating wedge prisms, shot by shot; all of ring 0.
 
     Parameters
@@ -217,6 +219,8 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         Shots per second.
     seconds : float
         Duration of a scan.
+    begin : float
+        Seconds from the moment at which both prisms are at angle 0 to the first shot.
     """
     n_shots = round(rate * seconds)
     _check_count(n_shots)
@@ -228,7 +232,7 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         )
     shots, directions = np.arange(n_shots, dtype=np.int32), np.empty((n_shots, 3))
     for some in np.array_split(shots, 1 + n_shots // 100_000):  # in blocks, to limit memory
-        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (some / rate)) for frequency in frequencies)
+        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (begin + some / rate)) for frequency in frequencies)
         axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's flat face is normal to the beam
         directions[some] = _refract(_refract(_refract(axis, first, index), second, 1.0 / index), axis, index)
     return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)

@@ -229,6 +229,13 @@ class Sensor:
         return self.kind in ("pinhole", "linear")
 
     @property
+    def duration(self) -> float:
+        """Seconds of a revolution, scan or image; 0 for sensors that cast all rays at once."""
+        if self.kind == "spinning":
+            return 1.0 / float(self.pattern.get("turns", 10.0))
+        return float(self.pattern.get("seconds", self.pattern.get("readout", 0.0)))
+
+    @property
     def no_motion_reason(self) -> str:
         """The reason why motion changes nothing: all rays are cast at once. Empty where the rays have times."""
         if self.rays().times is not None:
