@@ -19,6 +19,7 @@ COMMANDS = {
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Compare methods with the exact reference and each other: errors, times, report.",
     "compare-scans": "Compare real scans of a mesh with a sensor model's scans: report, pictures.",
+    "compare-drives": "Compare the returns in the labelled boxes of a real drive with simulated ones.",
     "report": "Write the report of a comparison again from its rows.",
     "status": "Show the progress of a dataset.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
@@ -42,6 +43,7 @@ _MODULES = {
     "mesh_views": ("visible", "depth", "views"),
     "one_scan": ("scan",),
     "compare_scans": ("compare-scans",),
+    "compare_drives": ("compare-drives",),
     # old names of commands of `paper`
     "experiment": ("experiment",),
     "figure": ("figure",),

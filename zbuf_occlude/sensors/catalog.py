@@ -164,7 +164,7 @@ _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for 
 _ASSUMED = "assumed"
 _FITTED = (
     "metres, fitted once to the cars and pedestrians from 10 to 60 m of one Argoverse 2 log, two VLP-32C; assumed of "
-    "others (benchmarks/real_lidar.py holds it to other logs)"
+    "others (`zbuf-occlude compare-drives` holds it to other logs)"
 )
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 
