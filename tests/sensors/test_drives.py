@@ -1,5 +1,6 @@
 """Drives: rigs that move through a room, closed forms of their sweeps; roads along a path; files of rigs."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ def test_all_sweeps_of_all_sensors_lie_on_the_walls_of_the_room() -> None:
 
 def test_a_trajectory_is_in_the_frame_of_the_world() -> None:
     start = moved(yaw=90.0, to=(-4.0, 2.0, 0.0))
-    rows = rows_of(ARC, np.linspace(0.0, 0.4, 401), start)
+    rows = rows_of(ARC, np.linspace(0.0, 0.4, 401), start) * ([1.0] * 4 + [3.0] * 4)  # any length of quaternions
     along, by_arc = driven(Motion(trajectory=rows, deskew=True), 4), driven(ARC, 4)
     for one, other in zip(along, by_arc, strict=True):
         assert one.pose == pytest.approx(start @ other.pose, abs=1e-5)
@@ -78,6 +79,13 @@ def test_a_motion_that_has_begun_is_the_rest_of_its_trajectory() -> None:
         Motion(trajectory=rows, begin=0.3).poses(times), Motion(trajectory=rows[30:]).poses(times), strict=True
     ):
         assert one == pytest.approx(other, abs=1e-12)
+
+
+def test_a_motion_that_has_begun_on_a_mount_is_plain_data() -> None:
+    motion = Motion(velocity=(1.0, 0.0, 0.0), begin=0.5, mount=mount_pose((1.0, 2.0, 3.0), yaw=20.0))
+    again = Motion(**json.loads(json.dumps(motion.to_dict())))
+    for one, other in zip(again.poses(np.array([0.3])), motion.poses(np.array([0.3])), strict=True):
+        assert np.array_equal(one, other)
 
 
 def test_a_sensor_ahead_of_the_centre_of_a_turn_moves_on_a_circle() -> None:
