@@ -50,6 +50,11 @@ def test_a_rig_on_a_street_that_is_drawn(run: Run, own: Path) -> None:
     assert {40, 50} < set(labels.tolist())
 
 
+def test_nuscenes(run: Run, own: Path) -> None:
+    run("drive --sensor mine.yaml --trajectory path.txt --scene town.json --format nuscenes --out mini")
+    assert "2 crops of 1 sweep (nuScenes)" in run("crop mini --out crops --ground none --least-points 1").out
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -80,10 +80,10 @@ def test_a_sequence_that_is_there_stays_and_one_that_was_broken_off_does_not(tmp
     broken = semantickitti.write(tmp_path, 0, RIG, scan_drive(Scene.joined([GROUND]), RIG, Motion(), 3))
     next(broken)
     broken.close()
-    semantickitti.check(tmp_path, 0)
+    semantickitti.check(tmp_path, 0, RIG)
     for _ in semantickitti.write(tmp_path, 0, RIG, scan_drive(Scene.joined([GROUND]), RIG, Motion(), 1)):
         pass
     assert [path.name for path in (tmp_path / "sequences").iterdir()] == ["00"]
     assert len(list((tmp_path / "sequences/00/velodyne").iterdir())) == 1
     with pytest.raises(zo.DatasetError, match="is there already"):
-        semantickitti.check(tmp_path, 0)
+        semantickitti.check(tmp_path, 0, RIG)

@@ -12,7 +12,7 @@ COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
-    "drive": "Write a sequence of sweeps of a rig that drives through a scene, as SemanticKITTI has them.",
+    "drive": "Write a sequence of sweeps of a rig that drives through a scene (SemanticKITTI, nuScenes).",
     "views": "List the cameras of a view set about a mesh, and how much of it they see.",
     "shapes": "List the built-in shapes, or write one of them as a mesh file.",
     "sensors": "List the sensors (LiDARs, depth cameras), their parameters and sources.",

@@ -82,8 +82,8 @@ def drive_command(
       zbuf-occlude drive --rig rig.yaml --trajectory path.txt --scene town.json --sequence 1 --out kitti
     """
     writer = load_layout(layout)
-    writer.check(out, sequence)
     sensors = _rig(rig, options)
+    writer.check(out, sequence, sensors)
     motion = _motion(options)
     held = sweeps_held(sensors, motion)
     n_sweeps = sweeps or (SWEEPS if held is None else max(held, 1))

@@ -1,7 +1,7 @@
 """Sequences: drives in the layouts of published datasets.
 
 A layout is a module with `write(out, sequence, rig, sweeps)`, which writes the sweeps of a drive as they come and
-yields each when it is written, and `check(out, sequence)`, which raises before any work where it cannot.
+yields each when it is written, and `check(out, sequence, rig)`, which raises before any work where it cannot.
 """
 
 from importlib import import_module
@@ -10,6 +10,7 @@ from typing import Any
 
 LAYOUTS = MappingProxyType({
     "semantickitti": "SemanticKITTI: velodyne, labels, poses, times, calibration; the sensors of a rig in one cloud",
+    "nuscenes": "nuScenes: tables, key frames and sweeps of each LiDAR, boxes",
 })  # fmt: skip
 """The layouts and what they hold."""
 

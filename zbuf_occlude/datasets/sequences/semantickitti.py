@@ -56,7 +56,7 @@ def folder_of(out: Path, sequence: int) -> Path:
     return out / "sequences" / f"{sequence:02d}"
 
 
-def check(out: Path, sequence: int) -> None:
+def check(out: Path, sequence: int, rig: Rig) -> None:
     """Raise DatasetError where a sequence is there already."""
     if (folder := folder_of(out, sequence)).exists():
         raise DatasetError(f"{folder} is there already. Give another --sequence or --out, or remove it.")
