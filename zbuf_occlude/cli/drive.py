@@ -64,8 +64,14 @@ def drive_command(
     """Write a sequence of sweeps of a LiDAR, or of a rig of sensors, that drives through a scene.
 
     A trajectory has lines of t x y z qx qy qz qw: seconds, and the poses of the rig in the scene, x forward, z up. The
-    ground is z = 0. Without one the rig drives from the origin at --velocity, by default 10 m/s ahead. A rig is a YAML
-    file:
+    ground is z = 0. Without one the rig drives from the origin at --velocity, by default 10 m/s ahead. A LiDAR of your
+    own is a YAML file, and so is a rig:
+
+    \b
+      kind: spinning
+      elevations: {from: -25, to: 15, n: 64}    # degrees of the lasers
+      columns: 1024                             # firings per turn
+      range_max: 100
 
     \b
       sensors:
