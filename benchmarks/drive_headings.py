@@ -30,7 +30,7 @@ def azimuths_in(sweep: Sweep) -> list[float]:
     found = []
     for box in sweep.boxes:
         if any(word in box.label.lower() for word in ROAD_USERS):
-            (x, y), ahead = (sweep.sensor - box.centre)[:2], box.rotation[:, 0]
+            (x, y), ahead = (sweep.middle - box.centre)[:2], box.rotation[:, 0]
             azimuth = np.arctan2(y, x) - np.arctan2(ahead[1], ahead[0])
             found.append(float(np.degrees(np.remainder(azimuth + np.pi, 2 * np.pi) - np.pi)))
     return found

@@ -210,13 +210,13 @@ class DatasetConfig:
         object.__setattr__(self, "attributes", [name for name in (*ATTRIBUTES, BOXES) if name in self.attributes])
 
     def _check_boxes(self) -> None:
+        if self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if not (self.scan and self.scan.is_level and self.scan.keep == "all"):
             raise OptionError(
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
-        if self.complete:
-            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if self.scan.motion and not self.scan.motion.deskew:
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
 

@@ -189,7 +189,7 @@ def test_real_and_simulated_returns_are_counted_in_the_same_way() -> None:
     sensor = make("hdl-64e", columns=900, detection_range=0.0, sigma=0.02, step=0.0)
     scan = zo.scan(Scene.joined([filled(whole, 0), Placed(floor, "ground")]), sensor, seed=0)
     shrunk = labelled("TRUCK", list(whole.sides - 1e-4), list(whole.centre), 0.3)
-    strictly = upright(shrunk, "s", 0).contains(scan.points).sum()
+    strictly = upright(shrunk, "s", 0).is_inside(scan.points).sum()
     assert strictly < 0.9 * (scan.instances == 0).sum(), "what must not be compared"
     (found,) = sightings_in(Sweep("s", scan.points, [shrunk]), sensor.with_numbers(sigma=0.0))
     assert found.real == pytest.approx(len(found.returns[0]), rel=0.02)

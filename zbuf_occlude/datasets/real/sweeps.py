@@ -45,7 +45,7 @@ class Sweep(NamedTuple):
     mounts: tuple[FloatArray, ...] = (np.eye(4),)  # poses (4, 4) of the LiDARs in the frame of the points
 
     @property
-    def sensor(self) -> FloatArray:
+    def middle(self) -> FloatArray:
         """Middle (3,) of the LiDARs in the frame of the points."""
         return np.mean([mount[:3, 3] for mount in self.mounts], axis=0)
 

@@ -180,7 +180,7 @@ def sightings_in(sweep: Sweep, sensor: Sensor) -> list[Sighting]:
     found = []
     for number, of_models in zip(targets, zip(*returns, strict=True), strict=True):
         box = boxes[number]
-        real = int(box.contains(sweep.points, SLACK).sum()) if box.n_points is None else box.n_points
+        real = int(box.is_inside(sweep.points, SLACK).sum()) if box.n_points is None else box.n_points
         group = GROUPS[kind_of(box.label)]
         found.append(Sighting(group, box.label, box.identity, _distance(box, sweep), real, list(of_models)))
     return found
@@ -211,7 +211,7 @@ class RealRays:
             beside = np.stack([np.maximum(after - 1, 0), np.minimum(after, len(rows) - 1)])
             off = np.abs(rows[beside, 0] - azimuths[mine])
             nearest = rows[np.take_along_axis(beside, off.argmin(axis=0)[None], axis=0)[0]]
-            outside = ~box.contains(self._points[nearest[:, 2].astype(int)], BEFORE)
+            outside = ~box.is_inside(self._points[nearest[:, 2].astype(int)], BEFORE)
             is_nearer = nearest[:, 1] < found.clean_ranges[mine] - BEFORE
             hidden[mine] = (off.min(axis=0) < self._step) & is_nearer & outside
         return hidden
@@ -293,10 +293,10 @@ def _returns_in(
             scans = [scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
             # as real ones are counted: here, or by the makers, strictly within; boxes overlap
             if box.n_points is None:
-                scans = [each.select(box.contains(each.points, SLACK)) for each in scans]
+                scans = [each.select(box.is_inside(each.points, SLACK)) for each in scans]
                 scans = [each.select(~rays.end_before(each, box)) for each in scans]
             else:
-                scans = [each.select((each.instances == number) | box.contains(each.points)) for each in scans]
+                scans = [each.select((each.instances == number) | box.is_inside(each.points)) for each in scans]
             rows = [np.stack([np.cos(s.incidences), s.clean_ranges, is_glass[s.face_ids]], axis=1) for s in scans]
             found.append(np.concatenate(rows))
     return found

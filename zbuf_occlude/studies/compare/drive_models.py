@@ -41,7 +41,7 @@ class UprightBox:
     n_points: int | None  # returns in it as the makers of the log counted them
     identity: int  # the same of the same object in all sweeps
 
-    def contains(self, points: FloatArray, slack: float = 0.0) -> BoolArray:
+    def is_inside(self, points: FloatArray, slack: float = 0.0) -> BoolArray:
         """Return which points (n, 3) are in the box, made wider by `slack` to each side and moved up by as much."""
         local = (points - self.centre) @ upright_pose(self.yaw)[:3, :3] - [0.0, 0.0, slack]
         return np.asarray((np.abs(local) <= self.sides / 2 + [slack, slack, 0.0]).all(axis=1))
