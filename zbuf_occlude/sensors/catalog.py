@@ -171,6 +171,7 @@ _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 _EVENLY_SPACED = "evenly spaced and without azimuth offsets: assumed"
 _NEBULA = "calibration file of tier4/nebula"
 _EVEN_SHOTS = "the maker publishes no pattern; shots spread evenly over the field of view: assumed"
+_UNCHECKED = "not checked against the document"
 _RANGES_80 = f"metres, of 80 % reflectivity, {_SHEET}"
 
 _LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "detection_range": (130.0, _FITTED)}
@@ -282,10 +283,13 @@ ROWS: tuple[SensorRow, ...] = (
         {
             **_OUSTER,
             "lasers": (lasers.evenly_spaced(-45.0, 45.0, 128), f"+-45 degrees, {_SHEET}; {_EVENLY_SPACED}"),
-            "range_min": (0.3, _SHEET),
-            "range_max": (50.0, _RANGES_80),
-            "sigma": (((10.0, 0.015), (50.0, 0.05)), f"1.5 to 5 cm, {_SHEET}; the ranges of both: assumed"),
-            "step": (0.003, _SHEET),
+            "range_min": (0.3, f"{_SHEET}, {_UNCHECKED}"),
+            "range_max": (50.0, f"{_RANGES_80}, {_UNCHECKED}"),
+            "sigma": (
+                ((10.0, 0.015), (50.0, 0.05)),
+                f"1.5 to 5 cm, {_SHEET}, {_UNCHECKED}; the ranges of both: assumed",
+            ),
+            "step": (0.003, f"{_SHEET}, {_UNCHECKED}"),
             "divergence": (0.0061, f"0.35 degrees, {_SHEET}"),
         },
     ),
@@ -310,11 +314,14 @@ ROWS: tuple[SensorRow, ...] = (
         {
             **_OUSTER,
             "lasers": (lasers.evenly_spaced(-11.25, 11.25, 128), f"+-11.25 degrees, {_SHEET}; {_EVENLY_SPACED}"),
-            "range_min": (1.0, _SHEET),
+            "range_min": (1.0, f"{_SHEET}, {_UNCHECKED}"),
             "range_max": (240.0, _RANGES_80),
-            "sigma": (((50.0, 0.025), (240.0, 0.08)), f"2.5 to 8 cm, {_SHEET}; the ranges of both: assumed"),
-            "step": (0.003, _SHEET),
-            "divergence": (0.0016, f"0.09 degrees, {_SHEET}"),
+            "sigma": (
+                ((50.0, 0.025), (240.0, 0.08)),
+                f"2.5 to 8 cm, {_SHEET}, {_UNCHECKED}; the ranges of both: assumed",
+            ),
+            "step": (0.003, f"{_SHEET}, {_UNCHECKED}"),
+            "divergence": (0.0016, f"0.09 degrees, {_SHEET}, {_UNCHECKED}"),
         },
     ),
     SensorRow(
@@ -325,8 +332,8 @@ ROWS: tuple[SensorRow, ...] = (
             **_HESAI,
             "lasers": (lasers.evenly_spaced(-16.0, 15.0, 32), f"{_MANUAL}; a unit's {_NEBULA} is within 0.09 degrees"),
             "columns": (2000, f"0.18 degrees at 10 turns a second, {_MANUAL}"),
-            **_from(_MANUAL, range_min=0.05, range_max=120.0),
-            "sigma": (0.005, f"precision, {_MANUAL}"),
+            **_from(f"{_MANUAL}, {_UNCHECKED}", range_min=0.05, range_max=120.0),
+            "sigma": (0.005, f"precision, {_MANUAL}, {_UNCHECKED}"),
         },
     ),
     SensorRow(
@@ -337,8 +344,8 @@ ROWS: tuple[SensorRow, ...] = (
             **_HESAI,
             "lasers": (lasers.PANDAR_128, f"{_NEBULA} (Pandar128E4X)"),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_MANUAL}"),
-            **_from(_MANUAL, range_min=0.3, range_max=200.0),
-            "sigma": (0.02, f"+-2 cm, {_MANUAL}, taken as one standard deviation"),
+            **_from(f"{_MANUAL}, {_UNCHECKED}", range_min=0.3, range_max=200.0),
+            "sigma": (0.02, f"+-2 cm, {_MANUAL}, {_UNCHECKED}; taken as one standard deviation"),
         },
     ),
     SensorRow(
@@ -352,7 +359,7 @@ ROWS: tuple[SensorRow, ...] = (
             "azimuths": ((-60.0, 60.0), f"120 degrees, {_SHEET}"),
             "range_min": (0.5, _ASSUMED),
             "range_max": (200.0, f"of 10 % reflectivity, {_SHEET}"),
-            "sigma": (0.05, f"+-5 cm, {_SHEET}, taken as one standard deviation"),
+            "sigma": (0.05, f"+-5 cm, {_SHEET}, {_UNCHECKED}; taken as one standard deviation"),
         },
     ),
     SensorRow(
@@ -499,9 +506,9 @@ ROWS: tuple[SensorRow, ...] = (
         "Intel RealSense L515: a laser and a MEMS mirror, time of flight; indoors",
         {
             **_from(_SHEET, width=1024, height=768),
-            "fov": (70.0, f"70 x 55 degrees, {_SHEET}"),
+            "fov": (70.0, f"70 x 55 degrees, {_SHEET}, {_UNCHECKED}"),
             **_from(_SHEET, range_min=0.25, range_max=9.0),
-            "sigma": (((1.0, 0.0025), (9.0, 0.0155)), f"2.5 mm at 1 m, 15.5 mm at 9 m, {_SHEET}"),
+            "sigma": (((1.0, 0.0025), (9.0, 0.0155)), f"2.5 mm at 1 m, 15.5 mm at 9 m, {_SHEET}, {_UNCHECKED}"),
             "step": (0.00025, "depth unit of its pictures, librealsense"),
             **_DEPTH_CAMERA,
         },
