@@ -134,7 +134,7 @@ PANELS = {
     "objects quick",
     "Output": "out format layout sequence resolution scale frame axes picture overwrite",
     "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu retry_failed "
-    "dry_run device mixed_precision help",
+    "dry_run device mixed_precision host port opens help",
 }
 """Parameters of each panel of the help; parameters in none go to the last panel."""
 

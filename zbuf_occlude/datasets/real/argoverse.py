@@ -58,7 +58,7 @@ def read_argoverse(path: Path) -> Sweep:
     try:
         time = int(path.stem)
     except ValueError:
-        raise DatasetError(f"a sweep must be called TIMESTAMP.feather, nanoseconds; {path} is not.") from None
+        raise DatasetError(f"a sweep must be named TIMESTAMP.feather, in nanoseconds; {path} is not.") from None
     return _sweep_at(path.parents[2], time, np.stack([columns[name] for name in "xyz"], axis=1))
 
 
@@ -94,7 +94,7 @@ def _version(path: Path) -> tuple[int, int]:
 
 @lru_cache(maxsize=1)
 def _annotations(path: Path, version: tuple[int, int]) -> dict[str, NDArray[Any]]:
-    """Return the boxes of a log, kept for its next sweep: a file of another version is read anew."""
+    """Return the boxes of a log, kept for its next sweep; a file that has changed is read again."""
     return _table(path, ("timestamp_ns", "category", "track_uuid", *_BOX), (COUNTS,))
 
 
