@@ -410,9 +410,8 @@ def used(path: Path) -> str:
     """Read a file and use what it holds."""
     import zbuf_occlude as zo
     from zbuf_occlude.meshes.collection import MeshCollection
-    from zbuf_occlude.sensors.scenes import Placed, Scene
+    from zbuf_occlude.sensors.scenes import Scene
     from zbuf_occlude.sensors.scenes.contents import placed_of, read_scene
-    from zbuf_occlude.sensors.scenes.kinds import SceneRequest
 
     if path.stem == "mesh":
         corners = zo.load_mesh(path, up="z").corners
@@ -426,13 +425,7 @@ def used(path: Path) -> str:
             return "read"
         if what in ("sensor", "scene"):
             sensor = zo.sensors.make(str(path)) if what == "sensor" else zo.sensors.make("pinhole:width=20,height=20")
-            scene: Any = crate
-            if what == "scene":
-                read, origin = read_scene(path), np.zeros((1, 3))
-                request = SceneRequest(
-                    Placed(crate), origin[0], 0.0, origin, None, lambda number: (crate, ""), read["table"]
-                )
-                scene = Scene.joined(placed_of(read["objects"], request, np.random.default_rng(0)))
+            scene = Scene.joined(placed_of(read_scene(path)["objects"], 0.0)) if what == "scene" else crate
             if not len(sensor.rays()) <= FEW:
                 return "read, too many rays to scan with"
             pose = zo.sensors.look_at([0.0, -9.0, 0.0], [0.0, 6.0, 0.0])

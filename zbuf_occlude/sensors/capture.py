@@ -19,7 +19,7 @@ from zbuf_occlude.sensors.poses import look_at, pose_of_camera
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import noiseless_scan
-from zbuf_occlude.sensors.scenes.contents import placed_of
+from zbuf_occlude.sensors.scenes.contents import at_rest_of, placed_of
 from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
@@ -224,7 +224,9 @@ def _arrange(
     request = SceneRequest(target, views.eyes[view], floor, positions, config.share, pool, config.table)
     rng = np.random.default_rng(seeds("scene", view))
     layout = config.kind.arrange(request, rng)
-    return layout._replace(placed=layout.placed + placed_of(config.objects, request, rng, config.transparent))
+    fixed = placed_of(config.objects, floor, config.transparent)
+    resting = at_rest_of(config.objects, request, fixed, rng, config.transparent)
+    return layout._replace(placed=[*layout.placed, *fixed, *resting])
 
 
 def _visible(

@@ -55,8 +55,8 @@ def _export_objects(source: CloudReader, out: Path, write: Callable[[Path, Numbe
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ for each object, 000 the first view; and valid_paths.json.
 
     `write` writes the files of some clouds into a folder and returns their names. World space is that of the scans:
-    metres, the middle of the object's box at the origin, z up. Instance 0 is the object. Objects that some view does not
-    meet are left out.
+    metres, the middle of the object's box at the origin, z up. Instance 0 is the object. Objects that some view does
+    not meet are left out.
     """
     plan, names, files, paths = source.plan, names_of(source.plan), dict[str, list[str]](), list[str]()
     n_clouds, n_views = dict[str, int](), len(source.plan.views)

@@ -159,36 +159,53 @@ def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[
 
 
 def placed_of(
-    objects: Sequence[Mapping[str, Any]],
-    request: SceneRequest,
-    rng: np.random.Generator,
-    transparent: Mapping[str, float | None] | None = None,
+    objects: Sequence[Mapping[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
 ) -> list[Placed]:
-    """Load and place a scene's meshes; those without a position come to rest on the table of the request.
-
-    `transparent` is as of a `ScanConfig`.
+    """Load and place the meshes of a scene that have a position; `transparent` is as of a `ScanConfig`.
 
     Raises
     ------
     MeshError
-        A file cannot be used; an object has no stable pose, or no place is free.
+        A file cannot be used.
     DatasetError
         A mesh differs from its checksum (`with_checksums`).
     """
-    loaded = [_loaded(each, transparent or {}) for each in objects]
-    placed = dict[int, Placed]()
-    for number, (given, (mesh, label)) in enumerate(zip(objects, loaded, strict=True)):
-        if "position" in given:
-            x, y, z = given["position"]
-            pose = moved(yaw=given.get("yaw", 0.0), to=(x, y, z + request.floor))
-            placed[number] = Placed(mesh, label, pose, **_further(given))
-    occupied = [footprint(each.vertices) for each in (request.target, *placed.values())]
-    for number, (given, (mesh, label)) in enumerate(zip(objects, loaded, strict=True)):
-        if "position" not in given:
-            assert request.table is not None
-            table = request.table["size"], request.floor
-            placed[number] = put_at_rest(mesh, label, *table, occupied, rng, **_further(given))
-    return [placed[number] for number in range(len(objects))]
+    placed = []
+    for given in filter(_has_position, objects):
+        (x, y, z), (mesh, label) = given["position"], _loaded(given, transparent or {})
+        pose = moved(yaw=given.get("yaw", 0.0), to=(x, y, z + floor))
+        placed.append(Placed(mesh, label, pose, **_further(given)))
+    return placed
+
+
+def at_rest_of(
+    objects: Sequence[Mapping[str, Any]],
+    request: SceneRequest,
+    placed: Sequence[Placed],
+    rng: np.random.Generator,
+    transparent: Mapping[str, float | None],
+) -> list[Placed]:
+    """Load the meshes of a scene without a position, and put them on its table, beside the target and those `placed`.
+
+    Raises
+    ------
+    MeshError, DatasetError
+        As `placed_of`; an object has no stable pose, or no place is free.
+    """
+    if request.table is None:
+        return []
+    occupied = [footprint(each.vertices) for each in (request.target, *placed)]
+    found = []
+    for given in objects:
+        if not _has_position(given):
+            mesh, label = _loaded(given, transparent)
+            place = request.table["size"], request.floor
+            found.append(put_at_rest(mesh, label, *place, occupied, rng, **_further(given)))
+    return found
+
+
+def _has_position(given: Mapping[str, Any]) -> bool:
+    return "position" in given
 
 
 def _further(given: Mapping[str, Any]) -> dict[str, Any]:
