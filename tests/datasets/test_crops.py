@@ -301,6 +301,12 @@ def test_nuscenes(tmp_path: Path) -> None:
         ("instance", {"category_token": ...}, r"instance\.json must be .*no 'category_token'"),
         ("category", {"token": "x"}, r"category\.json must have the row 'k' that instance\.json names"),
         ("category", {"name": ...}, r"category\.json must be .*no 'name'"),
+        (
+            "sample_annotation",
+            {"size": [1, -2, 3]},
+            r"sample_annotation\.json must be .*sides of a box must be 0 or more",
+        ),
+        ("sample_data", {"is_key_frame": False}, r"sample_data\.json must have a key frame of LIDAR_TOP; it has none"),
         ("sample_annotation", {"size": [1, 2]}, r"sample_annotation\.json must be .*cannot be read"),
         ("sample_annotation", {"rotation": [0, 0, 0, 0]}, r"sample_annotation\.json must be .*cannot be read"),
         ("sample_data", {"ego_pose_token": ...}, r"sample_data\.json must be .*no 'ego_pose_token'"),

@@ -198,9 +198,11 @@ class DatasetConfig:
         for name in self.attributes:
             check_choice("attribute", name, (*ATTRIBUTES, BOXES))
         if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
+            setup = self.setup
+            given = "no --sensor" if setup is None else f"--sensor {setup.sensor_model.name} --scene {setup.scene}"
             raise OptionError(
-                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
-                "--sensor hdl-64e --scene street --keep all."
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}"
+                f"{f' --keep {setup.keep}' if setup else ''}. Give --sensor hdl-64e --scene street --keep all."
             )
         if BOXES in self.attributes and self.complete:
             raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")

@@ -263,13 +263,14 @@ def _check(
     """
     recipe = plan.recipe
     for what, option, found, wanted in (
-        ("views per object", "--views", len(plan.views), n_views),
-        ("variation", "--variations", recipe.variations, 1),
-        ("points per partial cloud", "--sample-size", recipe.sample_size, size),
+        ("views per object", "--views random:", len(plan.views), n_views),
+        ("variation", "--variations ", recipe.variations, 1),
+        ("points per partial cloud", "--sample-size ", recipe.sample_size, size),
     ):
         if wanted is not None and found != wanted:
             raise OptionError(
-                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
+                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. Give "
+                f"{option}{wanted}."
             )
     if recipe.n_points is None or recipe.n_points < n_complete:
         sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.extras import importing
-from zbuf_occlude.datasets.real.sweeps import LabelledBox, Loader, Sweep
+from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep, checked_sides
 from zbuf_occlude.geometry.camera import rotations_of
 
 ANNOTATIONS = "annotations.feather"
@@ -32,9 +32,14 @@ _BOX = ("length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "tx_m", "ty_m
 
 
 def find(root: Path) -> list[Loader]:
-    """Return a loader for each sweep, log by log; a root is a log, or holds logs or splits."""
+    """Return a loader for each sweep, log by log; a root is a log, or holds logs or splits.
+
+    Raises DatasetError where there are logs, but no sweep.
+    """
     logs = sorted(path.parent for depth in ("", "*/", "*/*/") for path in root.glob(depth + ANNOTATIONS))
-    sweeps = (path for log in logs for path in sorted((log / "sensors" / "lidar").glob("*.feather")))
+    sweeps = [path for log in logs for path in sorted((log / "sensors" / "lidar").glob("*.feather"))]
+    if logs and not sweeps:
+        raise DatasetError(f"{logs[0] / 'sensors/lidar'} must hold a .feather file per sweep; it has none. {REMEDY}")
     return [partial(read_argoverse, path) for path in sweeps]
 
 
@@ -47,21 +52,28 @@ def read_argoverse(path: Path) -> Sweep:
     try:
         time = int(path.stem)
     except ValueError:
-        raise DatasetError(f"a sweep must be called TIMESTAMP.feather, nanoseconds; {path} is not.") from None
+        raise DatasetError(f"a sweep must be called TIMESTAMP.feather, nanoseconds; {path} is not. {REMEDY}") from None
     boxes = []
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
         numbers = np.array([annotations[name][row] for name in _BOX])
         if not np.isfinite(numbers).all():
-            raise DatasetError(f"boxes in {log / ANNOTATIONS} must be finite numbers; that of row {row} is not.")
+            raise DatasetError(
+                f"boxes in {log / ANNOTATIONS} must be finite numbers; that of row {row} is not. {REMEDY}"
+            )
+        try:
+            size = checked_sides(numbers[:3])
+        except ValueError as error:
+            raise DatasetError(f"row {row} of {log / ANNOTATIONS}: {error}. {REMEDY}") from None
         w, x, y, z = numbers[3:7]
         length = float(np.linalg.norm(numbers[3:7]))
         if not 0.5 < length < 2.0:
             raise DatasetError(
-                f"qw, qx, qy, qz in {log / ANNOTATIONS} must be unit quaternions; one has the length {length:g}."
+                f"qw, qx, qy, qz in {log / ANNOTATIONS} must be unit quaternions; one has the length {length:g}. "
+                f"{REMEDY}"
             )
         rotation = rotations_of(np.array([x, y, z, w]) / length)
         category, track = (str(annotations[name][row]) for name in ("category", "track_uuid"))
-        boxes.append(LabelledBox(category, numbers[7:], rotation, numbers[:3], track))
+        boxes.append(LabelledBox(category, numbers[7:], rotation, size, track))
     return Sweep(f"{log.name}/{path.stem}", points, boxes, _place_of_lidars(log / CALIBRATION))
 
 
@@ -84,7 +96,7 @@ def _place_of_lidars(path: Path) -> FloatArray:
     table = _table(path, ("sensor_name", "tx_m", "ty_m", "tz_m"))
     rows = np.isin(table["sensor_name"].astype(str), LIDARS)
     if not rows.any():
-        raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. Copy it again.")
+        raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. {REMEDY}")
     return np.array([table[name][rows].mean() for name in ("tx_m", "ty_m", "tz_m")])
 
 
@@ -97,7 +109,9 @@ def _table(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         columns = {name: table[name].to_numpy() for name in names}
         return {name: np.asarray(values, None if name in _WORDS else float) for name, values in columns.items()}
     except KeyError as error:
-        raise DatasetError(f"{path} must have the columns {', '.join(names)}; it lacks one ({error}).") from None
+        raise DatasetError(
+            f"{path} must have the columns {', '.join(names)}; it lacks one ({error}). {REMEDY}"
+        ) from None
     except (ArrowException, OSError, ValueError, TypeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). Copy it again.") from None
+        raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). {REMEDY}") from None

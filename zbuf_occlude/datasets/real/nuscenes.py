@@ -22,7 +22,7 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.atomic import reading
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_files import read_points
-from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep
+from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep, checked_sides
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 
 Rows = dict[str, dict[str, Any]]
@@ -32,7 +32,10 @@ TABLES = ("sample_data", "sensor", "calibrated_sensor", "ego_pose", "instance", 
 
 
 def find(root: Path) -> list[Loader]:
-    """Return a loader for each key frame of the LiDAR; a root holds the tables, or the folder that does."""
+    """Return a loader for each key frame of the LiDAR; a root holds the tables, or the folder that does.
+
+    Raises DatasetError where a table is damaged, or there is no such frame.
+    """
     files = sorted(path for depth in ("", "*/") for path in root.glob(f"{depth}sample_annotation.json"))
     return [loader for file in files for loader in _key_frames(file)]
 
@@ -72,6 +75,8 @@ def _key_frames(file: Path) -> list[Loader]:
         if is_key_frame and is_of_lidar:
             cloud = next((place for place in places if place.exists()), places[-1])
             loaders.append(partial(_read, cloud, file, mount, car, annotations[sample]))
+    if not loaders:
+        raise DatasetError(f"{_of(file, 'sample_data')} must have a key frame of {CHANNEL}; it has none. {REMEDY}")
     return loaders
 
 
@@ -94,7 +99,8 @@ def _read(cloud: Path, file: Path, mount: dict[str, Any], car: dict[str, Any], r
     with reading(_of(file, "calibrated_sensor"), REMEDY):
         of_lidar = of_car @ _pose(mount)
     with reading(file, REMEDY):
-        boxes = [_box(row, np.linalg.inv(of_lidar)) for row in rows]
+        to_lidar = np.asarray(np.linalg.inv(of_lidar), np.float64)
+        boxes = [_box(row, to_lidar) for row in rows]
     return Sweep(cloud.name.partition(".")[0], read_points(cloud), boxes)
 
 
@@ -111,7 +117,5 @@ def _pose(row: dict[str, Any]) -> FloatArray:
 def _box(row: dict[str, Any], to_lidar: FloatArray) -> LabelledBox:
     pose = to_lidar @ _pose(row)
     width, length, height = (float(side) for side in row["size"])
-    if not np.isfinite([width, length, height]).all():
-        raise ValueError("a size must be three finite numbers")
-    size = np.array([length, width, height])
+    size = checked_sides([length, width, height])
     return LabelledBox(str(row["category"]), pose[:3, 3], pose[:3, :3], size, str(row["instance_token"]))

@@ -4,7 +4,7 @@ A layout is a row of `LAYOUTS` and a file of this folder with `find(root)`: it r
 folder, none for a folder of another layout.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -42,6 +42,14 @@ class Sweep(NamedTuple):
     points: FloatArray
     boxes: list[LabelledBox]
     sensor: FloatArray = np.zeros(3)  # (3,), place of the LiDAR in the frame of the points
+
+
+def checked_sides(sides: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the sides (3,) of a box; raise ValueError where one is negative or not finite."""
+    found = np.asarray(sides, dtype=np.float64)
+    if not (found >= 0.0).all() or not np.isfinite(found).all():
+        raise ValueError(f"the sides of a box must be 0 or more, and finite; they are {found.tolist()}")
+    return found
 
 
 Loader = Callable[[], Sweep]
