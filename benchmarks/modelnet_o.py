@@ -22,11 +22,11 @@ WHOLE = 246_220
 
 def main(n_shapes: int = 1_000, n_workers: int = os.cpu_count() or 1) -> None:
     collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
-    recipe = DatasetConfig(method="exact", views="fibonacci:20", subset="fps")
+    config = DatasetConfig(method="exact", views="fibonacci:20", subset="fps")
     local_run = partial(local.run_local, n_workers=n_workers, limits=Limits())
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        manifest = generate(Plan(collection, recipe, "modelnet-o"), Path(folder) / "out", run=local_run)
+        manifest = generate(Plan(collection, config, "modelnet-o"), Path(folder) / "out", run=local_run)
         seconds = time.perf_counter() - began
     n_clouds = manifest["counts"]["clouds"]
     print(f"{n_shapes:,} shapes, {n_clouds:,} clouds, {n_workers} workers")

@@ -32,10 +32,10 @@ from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.contents import Pool, surroundings
-from zbuf_occlude.sensors.setup import ScanConfig
 
 BLUE, ORANGE, GREEN, GREY = "#0b66b0", "#d55e00", "#009e73", "#8a929c"
 """Colours that the colour-blind can tell apart."""
@@ -184,17 +184,17 @@ def seeds(what: str, view: int, *, seed: int) -> np.random.SeedSequence:
 
 def scanned(mesh: zo.Mesh, sensor: str, distance: float, scene: str, seed: int = 0, **given: object) -> Scan:
     """Scan a car that stands as `stand` puts it."""
-    setup = ScanConfig(make(sensor).to_dict(), range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
+    scan = ScanConfig(make(sensor), range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
     drawn, floor = partial(seeds, seed=seed), float(mesh.bounds[0, 2])
     views = zo.Views(np.array([AZIMUTH]), np.array([0.15]), np.array([2.0]))
     pool = Pool(surroundings((), scene), {}, scene, np.random.SeedSequence(1))
-    places = sensor_views(views, mesh.longest_side, floor, setup, drawn)
-    (capture,) = captures(mesh, setup, places, floor, drawn, pool)
+    places = sensor_views(views, mesh.longest_side, floor, scan, drawn)
+    (capture,) = captures(mesh, scan, places, floor, drawn, pool)
     return capture.scan
 
 
 def sensors(out: Path) -> None:
-    plain = ScanConfig(make("hdl-64e").to_dict())
+    plain = ScanConfig(make("hdl-64e"))
     mesh, _ = in_metres(shapes.make("car", 1), "car", plain)
     eye = 10.0 * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.1])
     points = zo.sample_surface(mesh, n_points=12_000, seed=0)

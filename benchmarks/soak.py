@@ -102,8 +102,8 @@ def plan_of(number: int, n_renders: int) -> Plan:
     for i in range(n_renders // VIEWS):
         label, index = members[i % len(members)]
         entries.append(MeshEntry(f"{label}/{index}/{i}", label, "train", partial(shapes.make, label, index)))
-    recipe = {"n_points": 1000, "sample_size": 16, "views": "paper100", **PLANS[number]}
-    return Plan(MeshCollection(entries), DatasetConfig(**recipe), "packed")
+    config = {"n_points": 1000, "sample_size": 16, "views": "paper100", **PLANS[number]}
+    return Plan(MeshCollection(entries), DatasetConfig(**config), "packed")
 
 
 def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:

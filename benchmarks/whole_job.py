@@ -101,8 +101,8 @@ def show(costs: dict[str, list[Cost]]) -> None:
 def show_stages(side: Side, job: Job, folder: Path) -> None:
     out, report = fresh(folder / "stages"), folder / "stages.json"
     script = ROOT / "benchmarks" / "whole_job_stages.py"
-    recipe = {"method": side.method, "views": job.views, "n_points": job.n_points, "sample_size": job.sample_size}
-    command = [sys.executable, str(script), str(report), str(out), json.dumps(recipe), *job.files]
+    config = {"method": side.method, "views": job.views, "n_points": job.n_points, "sample_size": job.sample_size}
+    command = [sys.executable, str(script), str(report), str(out), json.dumps(config), *job.files]
     one = {"NUMBA_NUM_THREADS": "1", "LP_NUM_THREADS": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     cost_of(command, out, side.checkout, **one)
     rows = json.loads(report.read_text())

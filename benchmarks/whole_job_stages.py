@@ -1,6 +1,6 @@
 """What each stage of `generate` costs, in one process; `whole_job.py --stages` runs it, with any checkout's package.
 
-python benchmarks/whole_job_stages.py REPORT.json OUT RECIPE MESH...        RECIPE: as JSON, what DatasetConfig takes
+python benchmarks/whole_job_stages.py REPORT.json OUT CONFIG MESH...        CONFIG: as JSON, what DatasetConfig takes
 """
 
 import functools
@@ -90,10 +90,10 @@ def main() -> None:
     from zbuf_occlude.datasets.plan import DatasetConfig, Plan
     from zbuf_occlude.meshes.collection import MeshCollection
 
-    recipe = DatasetConfig(**json.loads(recipe_given))
-    smoke_test(recipe, require_gpu=False)
+    config = DatasetConfig(**json.loads(recipe_given))
+    smoke_test(config, require_gpu=False)
     watch(clock)
-    plan = Plan(MeshCollection.from_paths(meshes).interleaved(), recipe)
+    plan = Plan(MeshCollection.from_paths(meshes).interleaved(), config)
     generate(plan, Path(out))
     clock.turn(enter="else")
     rows = [{"stage": n, "clock": c, "processors": p, "calls": k} for n, (c, p, k) in clock.spent.items()]

@@ -14,12 +14,12 @@ from trimesh.creation import box
 import zbuf_occlude as zo
 from zbuf_occlude.base.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
 from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Placed
-from zbuf_occlude.sensors.setup import ScanConfig
 
 CUBE = zo.Mesh.from_trimesh(box())
 VIEWS = zo.views.for_mesh(CUBE, "ring:2@30")
-SENSOR = zo.sensors.make("vlp-16").to_dict()
+SENSOR = zo.sensors.make("vlp-16")
 PLY = (
     "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\n"

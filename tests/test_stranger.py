@@ -92,8 +92,8 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("toys")
 def test_a_dataset_by_three_toys(tmp_path: Path) -> None:
     meshes = MeshCollection([MeshEntry("a/box.off", "a", "train", box)])
-    recipe = DatasetConfig(method="near", views="corners", n_points=600, sample_size=100, scale="mesh")
-    manifest = generate(Plan(meshes, recipe, "toy"), tmp_path / "out")
+    config = DatasetConfig(method="near", views="corners", n_points=600, sample_size=100, scale="mesh")
+    manifest = generate(Plan(meshes, config, "toy"), tmp_path / "out")
     assert manifest["counts"]["clouds"] == 2
     source = open_dataset(tmp_path / "out")
     clouds = source.take(source.order["train"])
@@ -101,7 +101,7 @@ def test_a_dataset_by_three_toys(tmp_path: Path) -> None:
     for cloud in clouds:
         eye = -cloud["pose"][:3, :3].T @ cloud["pose"][:3, 3]
         assert (cloud["data"] @ eye > 0).all()
-    generate(Plan(meshes, recipe, "lines"), tmp_path / "lines")
+    generate(Plan(meshes, config, "lines"), tmp_path / "lines")
     lines = (tmp_path / "lines" / "train.txt").read_text().split("\n")
     assert [line.split()[0] for line in lines] == ["a", "a"]
     assert len(make("toy-camera").rays()) == 4

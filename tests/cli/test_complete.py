@@ -45,7 +45,7 @@ def test_every_side_is_in_every_cloud(run: Run, tmp_path: Path, format: str, sca
     sensor = "--sensor vlp-16 --range 9 --size 2" if scanned else ""
     run(f"generate meshes --complete --format {format} {sensor} {SMALL} --out out")
     plan, manifest = read_finished(tmp_path / "out")
-    assert plan.recipe.complete
+    assert plan.config.complete
     assert manifest["options"]["complete"] is True
     assert manifest["counts"]["clouds"] == 6
     assert manifest["error"]["n_checked"] == 0

@@ -154,8 +154,8 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
     corners = np.random.default_rng(0).uniform(size=(900, 3))  # far more area than its longest side says
     write_off(tetrahedron.parent / "soup_1.off", corners, np.arange(900).reshape(300, 3))
     monkeypatch.setattr("zbuf_occlude.meshes.sampling.MAX_POINTS", 2_000)
-    recipe = DatasetConfig("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
-    document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), recipe), tmp_path / "out")
+    config = DatasetConfig("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
+    document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), config), tmp_path / "out")
     assert document["counts"]["clouds"] == 1
     assert list(document["failures"]) == ["solids/soup_1.off"]
     assert "points; at most 2^31 - 1 can be made" in document["failures"]["solids/soup_1.off"]

@@ -91,6 +91,6 @@ def test_every_layout_of_pairs_holds_scans(run: Run, tmp_path: Path, format: str
     outcome = run(f"generate {single} --format {format} {views} --workers 1 --out out")
     assert ("nothing is scanned" in outcome.err) == (format == "shapenet55")
     plan, manifest = read_finished(tmp_path / "out")
-    assert plan.recipe.setup is not None
+    assert plan.config.scan is not None
     assert manifest["counts"]["clouds"] >= 1
     run("verify out --samples 2")

@@ -56,5 +56,5 @@ def test_road_users_as_a_dataset_of_scans_in_metres(run: Run, tmp_path: Path) ->
     run(f"{line} --scale mesh --frame camera --sample-size 64 --workers 1 --out roads")
     manifest = json.loads((tmp_path / "roads" / "manifest.json").read_text())
     assert sorted(manifest["classes"]) == sorted(traffic.CLASSES)
-    assert manifest["options"]["scanning"]["size"] == "file"
+    assert manifest["options"]["scan"]["size"] == "file"
     assert "scanned again: the same" in run("verify roads --workers 1").out

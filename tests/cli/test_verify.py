@@ -146,8 +146,8 @@ def test_meshes_are_read_as_the_dataset_was_made(run: Run, modelnet: Path, tmp_p
 
 
 def test_a_mesh_in_another_frame_is_named(modelnet: Path, tmp_path: Path) -> None:
-    recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
-    generate(Plan(MeshCollection.from_paths(modelnet, unit="cm"), recipe), tmp_path / "out")
+    config = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+    generate(Plan(MeshCollection.from_paths(modelnet, unit="cm"), config), tmp_path / "out")
     faults = verify(tmp_path / "out", MeshCollection.from_paths(modelnet, up="y", unit="cm")).faults
     assert [fault.startswith("up of ") and "was z and is y" in fault for fault in faults] == [True]
     faults = verify(tmp_path / "out", MeshCollection.from_paths(modelnet)).faults

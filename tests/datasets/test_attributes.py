@@ -1,7 +1,6 @@
 """Normals and colours of points, in every format: a cube whose colour at a place is the place, so each point tells."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
@@ -36,10 +35,10 @@ def bare() -> Mesh:
     return box((1.0, 1.0, 1.0)).transformed(1.0, [5.5, 0.5, 0.5])
 
 
-def plan(format: str, load: Callable[[], Mesh] = painted, **recipe: object) -> Plan:
+def plan(format: str, load: Callable[[], Mesh] = painted, **config: object) -> Plan:
     row = find_format(format)
     drawn = {name: value for name, value in row.options.items() if name in ("views", "sample_size", "scale")}
-    settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **recipe}
+    settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **config}
     made = DatasetConfig(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
     label = "table" if row.classes else "cube"
     entries = [MeshEntry(f"cube/{split}/cube_{split}", label, split, load) for split in ("train", "test")]
@@ -51,13 +50,13 @@ def check(records: np.ndarray, plan: Plan, *, within: float) -> None:
     for record in records:
         rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
         positions, normals = record["data"] / record["factor"] + record["centre"], record["normal"].astype(float)
-        if plan.recipe.frame == "camera":
+        if plan.config.frame == "camera":
             positions, normals = (positions - translation) @ rotation, normals @ rotation
         place = positions - [5.0, 0.0, 0.0]
         assert np.abs(record["color"] - 255 * place).max() <= 255 * within + 0.6
         axis = np.argmin(np.minimum(np.abs(place), np.abs(1 - place)), axis=1)
         assert np.abs(np.abs(np.take_along_axis(normals, axis[:, None], 1)) - 1).max() < 1e-5
-        if not plan.recipe.complete:
+        if not plan.config.complete:
             eye = -rotation.T @ translation
             assert ((eye - positions) * normals).sum(axis=1).min() > -1e-4
 
@@ -77,7 +76,7 @@ def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: s
 def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
     generate(plan("npz"), tmp_path / "with")
     without = plan("npz")
-    without = Plan(without.meshes, DatasetConfig(**{**without.recipe.to_dict(), "attributes": ()}), "npz")
+    without = Plan(without.meshes, DatasetConfig(**{**without.config.to_dict(), "attributes": ()}), "npz")
     generate(without, tmp_path / "without")
     with (
         np.load(tmp_path / "with" / "train-000000.npz") as one,
@@ -103,8 +102,8 @@ def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("format", ["hdf5", "packed"])
 def test_scans_have_the_colours_that_their_rays_met(format: str, tmp_path: Path) -> None:
-    setup = ScanConfig(make("vlp-16").to_dict(), range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
-    made = plan(format, scanning=asdict(setup), views="ring:3@20", scale="mesh", sample_size=None)
+    scan = ScanConfig(make("vlp-16"), range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
+    made = plan(format, scan=scan, views="ring:3@20", scale="mesh", sample_size=None)
     generate(made, tmp_path)
     source = open_dataset(tmp_path)
     for record in np.concatenate([source.take(numbers) for numbers in source.order.values()]):

@@ -1,4 +1,4 @@
-"""`--method auto`: what it chooses on which machines, and that the reason reaches the recipe."""
+"""`--method auto`: what it chooses on which machines, and that the reason reaches the config."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,15 +23,15 @@ def test_choices(gain: float, method: str, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_named_method_stays() -> None:
-    recipe = DatasetConfig(method="oracle")
-    assert resolve(recipe, shapes.collection()) is recipe
+    config = DatasetConfig(method="oracle")
+    assert resolve(config, shapes.collection()) is config
 
 
 def test_a_named_method_resumes_what_auto_began(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(auto, "gain_on_gpu", lambda *_: 0.0)
     meshes = shapes.collection().limit(1)
     chosen = Plan(meshes, resolve(DatasetConfig(method=AUTO), meshes))
-    assert chosen.recipe.reason
+    assert chosen.config.reason
     assert chosen.fingerprint == Plan(meshes, DatasetConfig(method="exact")).fingerprint
     assert chosen.fingerprint != Plan(meshes, DatasetConfig(method="oracle")).fingerprint
 

@@ -21,7 +21,7 @@ from zbuf_occlude.meshes import shapes
 SUFFIXES = (".h5", ".zip", ".tar", ".npz")
 CLASSES = ("bed", "table")
 """Which every format has."""
-RECIPE = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+CONFIG = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
 
 
 @pytest.fixture(scope="module", params=[row.name for row in FORMATS if not row.exported_from])
@@ -29,7 +29,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """A small dataset in each format."""
     folder = tmp_path_factory.mktemp("datasets") / "clouds"
     meshes = shapes.collection(n_members=16 // len(CLASSES)).select(classes=CLASSES)
-    generate(Plan(meshes, RECIPE, request.param), folder)
+    generate(Plan(meshes, CONFIG, request.param), folder)
     return folder
 
 
@@ -89,7 +89,7 @@ def test_bytes_changed_by_chance_give_clouds_or_an_error_in_words(dataset: Path)
 
 
 def test_a_tar_cut_between_two_members_is_not_read_as_a_shorter_one(tmp_path: Path) -> None:
-    generate(Plan(shapes.collection(n_members=2), RECIPE, "webdataset"), tmp_path)
+    generate(Plan(shapes.collection(n_members=2), CONFIG, "webdataset"), tmp_path)
     path = next(tmp_path.glob("train-*.tar"))
     content = path.read_bytes()
     last = content.rindex(b".face_ids.npy") - 9  # where the header of the last member begins
@@ -101,7 +101,7 @@ def test_a_tar_cut_between_two_members_is_not_read_as_a_shorter_one(tmp_path: Pa
 
 @pytest.mark.parametrize(("field", "n"), [("label", 8), ("mesh_id", 16)])
 def test_indices_that_the_plan_does_not_have(tmp_path: Path, field: str, n: int) -> None:
-    generate(Plan(shapes.collection(n_members=2), RECIPE, "hdf5"), tmp_path)
+    generate(Plan(shapes.collection(n_members=2), CONFIG, "hdf5"), tmp_path)
     path = next(tmp_path.glob("ply_data_*.h5"))
     with h5py.File(path, "a") as file:
         file[field][0] = n
@@ -120,7 +120,7 @@ def test_verify_tells_a_file_that_cannot_be_read_though_its_checksum_is_right(da
 
 
 def test_a_manifest_that_lacks_anything_that_is_read_of_it(tmp_path: Path) -> None:
-    generate(Plan(shapes.collection(n_members=1), RECIPE, "npz"), tmp_path)
+    generate(Plan(shapes.collection(n_members=1), CONFIG, "npz"), tmp_path)
     path = tmp_path / "manifest.json"
     good = json.loads(path.read_text())
     said = r"manifest\.json must be as it was written; it cannot be read \({}\)\. Copy it again"

@@ -19,8 +19,8 @@ def bad(number: int) -> Mesh:
 
 def plan_of(format: str, n_bad: int = 0) -> Plan:
     entries = [MeshEntry(f"m{i}", "chair", "train", partial(bad if i < n_bad else tetrahedron, i)) for i in range(10)]
-    recipe = DatasetConfig("oracle", views="ring:30@20", n_points=400, sample_size=100)
-    return Plan(MeshCollection(entries), recipe, format)
+    config = DatasetConfig("oracle", views="ring:30@20", n_points=400, sample_size=100)
+    return Plan(MeshCollection(entries), config, format)
 
 
 @pytest.mark.parametrize("format", ["hdf5", "packed", "modelnet-o"])

@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -21,7 +21,7 @@ from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.datasets.verify import verify
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 MESHES = [
@@ -47,30 +47,30 @@ def collection(format: str) -> MeshCollection:
 
 
 def plan(format: str, **changes: object) -> Plan:
-    recipe = recipe_for(find_format(format), n_points=17_000, sample_size=512)
-    return Plan(collection(format), replace(recipe, **changes), format)
+    config = config_for(find_format(format), n_points=17_000, sample_size=512)
+    return Plan(collection(format), replace(config, **changes), format)
 
 
-def recipe_for(row: Format, n_points: int, sample_size: int) -> DatasetConfig:
-    """Return a recipe of few views that a format can hold."""
+def config_for(row: Format, n_points: int, sample_size: int) -> DatasetConfig:
+    """Return a configuration of few views that a format can hold."""
     views = str(row.options.get("views", "ring:3@10"))
-    recipe = DatasetConfig(method="exact", n_points=n_points, views=views, sample_size=sample_size)
+    config = DatasetConfig(method="exact", n_points=n_points, views=views, sample_size=sample_size)
     if row.name in ("frames", "bop"):
-        recipe = replace(recipe, scanning=camera(), attributes=("normals",))
+        config = replace(config, scan=camera(), attributes=("normals",))
     if row.name == "kitti":
-        recipe = replace(recipe, views="ring:1@0", scanning=lidar(), attributes=("boxes",))
-    return row.redrawn(recipe)
+        config = replace(config, views="ring:1@0", scan=lidar(), attributes=("boxes",))
+    return row.redrawn(config)
 
 
-def camera() -> dict[str, object]:
+def camera() -> ScanConfig:
     """A pinhole camera that keeps all that it sees."""
-    return asdict(ScanConfig(make("pinhole", width=24, height=18, fov=40).to_dict(), size="file", keep="all"))
+    return ScanConfig(make("pinhole", width=24, height=18, fov=40), size="file", keep="all")
 
 
-def lidar() -> dict[str, object]:
+def lidar() -> ScanConfig:
     """A coarse LiDAR on the ground that keeps all that it meets."""
     sensor = make("hdl-64e", columns=60, divergence=0)
-    return asdict(ScanConfig(sensor.to_dict(), range=(8, 12), size="file", scene="ground", keep="all"))
+    return ScanConfig(sensor, range=(8, 12), size="file", scene="ground", keep="all")
 
 
 Made = Callable[[str], Path]
@@ -293,7 +293,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"
-    generate(replace(wanted, format="packed", recipe=replace(wanted.recipe, scale="cloud", complete=False)), packed)
+    generate(replace(wanted, format="packed", config=replace(wanted.config, scale="cloud", complete=False)), packed)
     convert(packed, tmp_path / "converted", format)
     written = {path.relative_to(out) for path in out.rglob("*") if path.is_file()} - {Path("manifest.json")}
     assert written == {p.relative_to(tmp_path / "converted") for p in (tmp_path / "converted").rglob("*")

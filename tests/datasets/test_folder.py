@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,10 +17,10 @@ from zbuf_occlude.datasets.plan import DATA_VERSION, DatasetConfig, Plan
 from zbuf_occlude.datasets.presets import plan_of_originals
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
-RECIPE = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
-PLAN = Plan(shapes.collection(n_members=1), RECIPE)
+CONFIG = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+PLAN = Plan(shapes.collection(n_members=1), CONFIG)
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -105,7 +105,7 @@ def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> 
 
 def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
     claim_folder(PLAN, tmp_path)
-    other = Plan(PLAN.meshes, replace(RECIPE, seed=7, n_points=60))
+    other = Plan(PLAN.meshes, replace(CONFIG, seed=7, n_points=60))
     with pytest.raises(DatasetError, match=r"in which n_points was 50, and is 60; seed was 0, and is 7\. Choose"):
         generate(other, tmp_path)
     assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == PLAN.fingerprint
@@ -113,19 +113,16 @@ def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
 
 
 def test_the_number_of_a_sensor_that_differs_is_named_alone(tmp_path: Path) -> None:
-    setups = [
-        ScanConfig(make("vlp-16", columns=columns).to_dict(), range=(5.0, 9.0), size={"car": 4.0})
-        for columns in (60, 90)
-    ]
-    plans = [Plan(PLAN.meshes, replace(RECIPE, scanning=asdict(setup))) for setup in setups]
+    scans = [ScanConfig(make("vlp-16", columns=columns), range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)]
+    plans = [Plan(PLAN.meshes, replace(CONFIG, scan=scan)) for scan in scans]
     claim_folder(plans[0], tmp_path)
-    with pytest.raises(DatasetError, match=r"in which scanning\.sensor\.pattern\.columns was 60, and is 90\. Choose"):
+    with pytest.raises(DatasetError, match=r"in which scan\.sensor\.pattern\.columns was 60, and is 90\. Choose"):
         claim_folder(plans[1], tmp_path)
 
 
 def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The other comes between the look at the empty folder and the writing of the plan."""
-    other = Plan(PLAN.meshes, replace(RECIPE, seed=7))
+    other = Plan(PLAN.meshes, replace(CONFIG, seed=7))
     claim_folder(other, tmp_path)
     looks = iter([None])
     monkeypatch.setattr(claiming, "plan_in", lambda out: next(looks, other))
@@ -137,7 +134,7 @@ def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_a_plan_of_another_version_is_read_and_not_gone_on_with(tmp_path: Path) -> None:
     claim_folder(PLAN, tmp_path)
-    newer = Plan(PLAN.meshes, RECIPE, version=1000)
+    newer = Plan(PLAN.meshes, CONFIG, version=1000)
     assert plan_in(tmp_path) is not None
     with pytest.raises(DatasetError, match=f"in which data version was {DATA_VERSION}, and is 1000"):
         claim_folder(newer, tmp_path)

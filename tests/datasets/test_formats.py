@@ -1,6 +1,6 @@
 """Every format through one door: written from a source and read as one, nothing lost; shards, names, same bytes."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -15,7 +15,7 @@ from zbuf_occlude.datasets.records import point_fields, record_type
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 SIZE = 6
 SIZES = (3, 1, 40, 7, 2, 9, 4, 1, 12, 5, 6)
@@ -24,21 +24,21 @@ DRAWN = [row for row in FORMATS if not (row.exported_from or row.keeps_points)]
 ids = [row.name for row in DRAWN]
 
 
-SCANNING = asdict(ScanConfig(make("vlp-16").to_dict(), keep_clean=True))
+SCAN = ScanConfig(make("vlp-16"), keep_clean=True)
 
 
-def plan(recipe: DatasetConfig) -> Plan:
+def plan(config: DatasetConfig) -> Plan:
     entries = [
         MeshEntry(f"{label}/{split}/a b.{i}.off", label, split, box)
         for i, (label, split) in enumerate([("bed", "train"), ("arm chair", "test"), ("bed", "test")])
     ]
-    return Plan(MeshCollection(entries), recipe)
+    return Plan(MeshCollection(entries), config)
 
 
-def random_records(recipe: DatasetConfig) -> np.ndarray:
+def random_records(config: DatasetConfig) -> np.ndarray:
     """Records of every field filled with values that a careless format would change."""
     rng, n = np.random.default_rng(5), len(SIZES)
-    records = np.zeros(n, record_type(recipe))
+    records = np.zeros(n, record_type(config))
 
     def values(kind: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
         found = rng.normal(scale=1e6, size=shape) if kind.kind == "f" else rng.integers(-1, 2**31 - 1, shape)
@@ -46,7 +46,7 @@ def random_records(recipe: DatasetConfig) -> np.ndarray:
 
     for name in records.dtype.names or ():
         if records.dtype[name].hasobject:
-            kind, shape = point_fields(recipe)[name]
+            kind, shape = point_fields(config)[name]
             records[name] = [values(np.dtype(kind), (size, *shape)) for size in SIZES]
         else:
             records[name] = values(records[name].dtype, records[name].shape)
@@ -68,19 +68,19 @@ def equal(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 @pytest.fixture(
-    params=[(None, SIZE), (SCANNING, SIZE), (None, None), (SCANNING, None)],
+    params=[(None, SIZE), (SCAN, SIZE), (None, None), (SCAN, None)],
     ids=["surface", "scans", "ragged surface", "ragged scans"],
 )
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> CloudReader:
     """Eleven of the plan's twelve clouds, of which each file takes three."""
     monkeypatch.setattr("zbuf_occlude.datasets.plan.CLOUDS_PER_FILE", 3)
-    scanning, size = request.param
-    recipe = DatasetConfig(views="ring:2@10", variations=2, sample_size=size, scanning=scanning)
-    records = random_records(recipe)
+    scan, size = request.param
+    config = DatasetConfig(views="ring:2@10", variations=2, sample_size=size, scan=scan)
+    records = random_records(config)
     numbers: Numbers = np.random.default_rng(1).permutation(11)
     train = numbers[records["mesh_id"][numbers] == 0]
     test = numbers[records["mesh_id"][numbers] != 0]
-    return CloudReader(plan(recipe), {"train": train, "test": test}, lambda wanted: records[wanted])
+    return CloudReader(plan(config), {"train": train, "test": test}, lambda wanted: records[wanted])
 
 
 def write(row: Format, source: CloudReader, out: Path) -> dict[str, list[str]]:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import write_off
-from tests.datasets.test_export import recipe_for
+from tests.datasets.test_export import config_for
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError, OptionError
 from zbuf_occlude.datasets import plan as plans
 from zbuf_occlude.datasets.folder import locked, partition_files
@@ -29,7 +29,7 @@ from zbuf_occlude.datasets.workers import Done, Task, run_here
 from zbuf_occlude.meshes.collection import MeshEntry
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = DatasetConfig(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
+CONFIG = DatasetConfig(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
 
 
@@ -59,7 +59,7 @@ def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_shard: int) -> 
 def plan(monkeypatch: pytest.MonkeyPatch) -> Plan:
     """300 clouds of 60 meshes, in seven shards of some 45 clouds, three or four files each."""
     small(monkeypatch, per_file=16, per_shard=55)
-    plan = Plan(collection(60), RECIPE)
+    plan = Plan(collection(60), CONFIG)
     assert [len(plan.shards), len(plan.files)] == [7, 22]
     return plan
 
@@ -152,9 +152,9 @@ def test_files_mix_the_clouds_of_the_meshes_of_a_shard(plan: Plan, whole: dict[s
 )
 def test_the_size_of_a_shard_is_by_the_dataset_alone(n_meshes: int, n_views: int, n_shards: int, n_files: int) -> None:
     entries = (MeshEntry(f"m{i}", "ball", "train", partial(tetrahedron, i)) for i in range(n_meshes))
-    plan = Plan(MeshCollection(entries), replace(RECIPE, views=f"fibonacci:{n_views}"))
+    plan = Plan(MeshCollection(entries), replace(CONFIG, views=f"fibonacci:{n_views}"))
     assert [len(plan.shards), len(plan.files)] == [n_shards, n_files]
-    large = Plan(plan.meshes, replace(plan.recipe, sample_size=100_000))
+    large = Plan(plan.meshes, replace(plan.config, sample_size=100_000))
     assert max(map(len, large.shards)) * n_views * 1.6e6 <= 2**29 or len(large.shards) == n_meshes
 
 
@@ -163,8 +163,8 @@ def test_a_shard_takes_no_more_memory_than_it_may(format: str, monkeypatch: pyte
     """However few of an object's points its clouds have, those that a format keeps all take the room."""
     monkeypatch.setattr(plans, "SHARD_BYTES", 2**20)
     entries = (MeshEntry(f"m{i}", "ball", "train", partial(tetrahedron, i)) for i in range(40))
-    recipe = replace(RECIPE, n_points=20_000, sample_size=256, attributes=("normals",), variations=2)
-    plan = Plan(MeshCollection(entries), recipe, format)
+    config = replace(CONFIG, n_points=20_000, sample_size=256, attributes=("normals",), variations=2)
+    plan = Plan(MeshCollection(entries), config, format)
     shard, store = max(plan.shards, key=len), new_store(plan)
     for mesh_id in shard.tolist():
         make_mesh(plan, mesh_id, None, store)
@@ -211,7 +211,7 @@ def test_a_killed_run_resumes_and_makes_no_shard_twice(
 def test_a_sidecar_with_a_value_of_another_type_is_made_again(
     plan: Plan, tmp_path: Path, caplog: pytest.LogCaptureFixture, place: list[Any], value: object
 ) -> None:
-    small_plan = Plan(plan.meshes[:2], plan.recipe)
+    small_plan = Plan(plan.meshes[:2], plan.config)
     out, path = tmp_path / "out", sidecar_path(tmp_path / "out", 0)
     generate(small_plan, out, share=(0, 2))
     document = part = json.loads(path.read_text())
@@ -323,7 +323,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
         for i in range(6)
     ]
     entries[4] = replace(entries[4], load=broken)
-    plan = Plan(MeshCollection(entries), recipe_for(row, n_points, 32), row.name)
+    plan = Plan(MeshCollection(entries), config_for(row, n_points, 32), row.name)
     n = plan.clouds_per_mesh
     small(monkeypatch, per_file=n + 1, per_shard=2 * n)
     assert [len(ids) for ids in plan.shards] == [2, 2, 2]
@@ -372,8 +372,8 @@ class TestMeshes:
 
     @staticmethod
     def plan(meshes: Path, up: str | None = None) -> Plan:
-        recipe = replace(RECIPE, views="fibonacci:130", n_points=50, sample_size=8)  # a mesh a shard
-        return Plan(MeshCollection.from_paths(meshes, up=up), recipe)
+        config = replace(CONFIG, views="fibonacci:130", n_points=50, sample_size=8)  # a mesh a shard
+        return Plan(MeshCollection.from_paths(meshes, up=up), config)
 
     @pytest.mark.parametrize("n_jobs", [3, 9])
     def test_meshes_of_another_size_are_refused(self, meshes: Path, tmp_path: Path, n_jobs: int) -> None:

@@ -1,7 +1,7 @@
 """`--format kitti` against boxes whose places are known: projections, shares and points by hand-written formulas."""
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,9 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors.boxes import as_label
 from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.motion import Motion
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.kinds import box_mesh
-from zbuf_occlude.sensors.setup import ScanConfig
 
 CAR, PILLAR = (4.0, 1.8, 1.5), (1.0, 1.0, 2.0)
 RANGE, HEIGHT = 12.0, 1.73
@@ -35,19 +36,17 @@ THINGS = {
     "van": (-8.0, 2.0, 0.0),  # behind the car with the LiDAR
     "cyclist": (9.0, 0.9, 0.3),  # behind the pedestrian, which hides it
 }
-SETUP = ScanConfig(
-    make("hdl-64e", columns=900, noise=0).to_dict(), range=(RANGE, RANGE), size="file", scene="ground", keep="all"
-)
+SCAN = ScanConfig(make("hdl-64e", columns=900, noise=0), range=(RANGE, RANGE), size="file", scene="ground", keep="all")
 """With a ground alone."""
 Line = tuple[str, list[float]]
 
 
-def plan(setup: ScanConfig, format: str = "kitti", splits: tuple[str, ...] = ("train",)) -> Plan:
-    recipe = DatasetConfig(
-        method="exact", views="ring:1@0", sample_size=None, scale="mesh", attributes=("boxes",), scanning=asdict(setup)
+def plan(scan: ScanConfig, format: str = "kitti", splits: tuple[str, ...] = ("train",)) -> Plan:
+    config = DatasetConfig(
+        method="exact", views="ring:1@0", sample_size=None, scale="mesh", attributes=("boxes",), scan=scan
     )
     entries = [MeshEntry(f"{split}/box", "car", split, lambda: box_mesh(*CAR)) for split in splits]
-    return Plan(MeshCollection(entries), recipe, format)
+    return Plan(MeshCollection(entries), config, format)
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +149,7 @@ def test_points_lie_in_the_boxes_or_on_the_ground(made: Path) -> None:
 
 def test_the_nose_of_a_mesh_that_is_longer_along_y_is_at_its_lower_end(tmp_path: Path) -> None:
     turned = Mesh(box_mesh(*CAR).vertices[:, [1, 0, 2]] * [-1, 1, 1], box_mesh(*CAR).faces)
-    one = plan(SETUP)
+    one = plan(SCAN)
     generate(replace(one, meshes=MeshCollection([replace(one.meshes[0], load=lambda: turned)])), tmp_path / "out")
     ((kind, numbers),) = labels(tmp_path / "out/training/label_2/000000.txt")
     assert (kind, numbers[7:10]) == ("Car", [1.5, 1.8, 4.0])
@@ -161,7 +160,7 @@ def scene_of(tmp_path: Path, sides: tuple[float, float, float], objects: list[di
     """Return the label and velodyne files' folder of a scene of boxes, the LiDAR at RANGE along +x."""
     trimesh.Trimesh(box_mesh(*sides).vertices, box_mesh(*sides).faces, process=False).export(tmp_path / "box.off")
     found = [{"mesh": str(tmp_path / "box.off"), **each} for each in objects]
-    generate(plan(replace(SETUP, scene="file", objects=found)), tmp_path / "out")
+    generate(plan(replace(SCAN, scene="file", objects=found)), tmp_path / "out")
     return tmp_path / "out/training"
 
 
@@ -195,7 +194,7 @@ def test_a_class_is_cut_at_a_character() -> None:
 
 def test_splits_and_frames_without_objects(tmp_path: Path) -> None:
     """By `convert`, of a brick so near that it is below the picture; it is scanned all the same."""
-    one = plan(replace(SETUP, range=(4.0, 4.0)), "hdf5", ("train", "val", "test"))
+    one = plan(replace(SCAN, range=(4.0, 4.0)), "hdf5", ("train", "val", "test"))
     bricks = [replace(entry, load=lambda: box_mesh(0.3, 0.2, 0.2)) for entry in one.meshes]
     generate(replace(one, meshes=MeshCollection(bricks)), tmp_path / "stored")
     out = tmp_path / "out"
@@ -212,27 +211,27 @@ def test_splits_and_frames_without_objects(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda plan: replace(plan.recipe, attributes=()), "kitti must have boxes"),
-        (lambda plan: replace(plan.recipe, sample_size=100), "got --sample-size 100. Give --sample-size all"),
-        (lambda plan: replace(plan.recipe, scale="cloud"), "got --scale cloud. Give --scale mesh"),
+        (lambda plan: replace(plan.config, attributes=()), "kitti must have boxes"),
+        (lambda plan: replace(plan.config, sample_size=100), "got --sample-size 100. Give --sample-size all"),
+        (lambda plan: replace(plan.config, scale="cloud"), "got --scale cloud. Give --scale mesh"),
         (
-            lambda plan: replace(plan.recipe, scanning=asdict(replace(SETUP, keep="target"))),
+            lambda plan: replace(plan.config, scan=replace(SCAN, keep="target")),
             "boxes must be of a spinning .* --keep target. Give",
         ),
         (
-            lambda plan: replace(plan.recipe, scanning=asdict(replace(SETUP, scene="none"))),
+            lambda plan: replace(plan.config, scan=replace(SCAN, scene="none")),
             "boxes must be of a spinning .* --scene none --keep all. Give",
         ),
-        (lambda plan: replace(plan.recipe, scanning=None), "boxes must be of a spinning .* got no --sensor"),
-        (lambda plan: replace(plan.recipe, scanning=asdict(replace(SETUP, motion={"turn": 9.0}))), "Give --deskew"),
+        (lambda plan: replace(plan.config, scan=None), "boxes must be of a spinning .* got no --sensor"),
+        (lambda plan: replace(plan.config, scan=replace(SCAN, motion=Motion(turn=9.0))), "Give --deskew"),
     ],
 )
 def test_what_cannot_be_written(change: Callable[[Plan], DatasetConfig], words: str) -> None:
-    one = plan(SETUP)
+    one = plan(SCAN)
     with pytest.raises(OptionError, match=words):
-        find_format("kitti").check(replace(one, recipe=change(one)))
+        find_format("kitti").check(replace(one, config=change(one)))
 
 
 def test_boxes_go_with_two_formats_alone() -> None:
     with pytest.raises(OptionError, match="boxes must go with --format hdf5 or kitti; got npz"):
-        find_format("npz").check(plan(SETUP, "npz"))
+        find_format("npz").check(plan(SCAN, "npz"))

@@ -34,7 +34,7 @@ from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
-RECIPE = DatasetConfig(method="oracle", views="fibonacci:7", n_points=301, variations=2, sample_size=50)
+CONFIG = DatasetConfig(method="oracle", views="fibonacci:7", n_points=301, variations=2, sample_size=50)
 
 
 def ball() -> Mesh:
@@ -48,10 +48,10 @@ def brick() -> Mesh:
 LOADS: dict[str, Callable[[], Mesh]] = {"ball_0": ball, "brick_0": brick, "ball_1": ball}
 
 
-def plan(recipe: DatasetConfig = RECIPE, format: str = "packed") -> Plan:
+def plan(config: DatasetConfig = CONFIG, format: str = "packed") -> Plan:
     splits = ("train", "test", "train")
     entries = [MeshEntry(k, k[:-2], split, load) for (k, load), split in zip(LOADS.items(), splits, strict=True)]
-    return Plan(MeshCollection(entries), recipe, format)
+    return Plan(MeshCollection(entries), config, format)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_the_grid_rounds_by_half_a_step_at_most_and_reaches_the_corners() -> Non
 
 
 def test_every_cloud_is_the_selection_rounded_to_the_step(folder: Path) -> None:
-    """Against the oracle's answer to the points before rounding, computed here again from the recipe."""
+    """Against the oracle's answer to the points before rounding, computed here again from the config."""
     clouds = PackedDataset(folder)
     assert len(clouds) == 3 * 2 * 7
     index = 0
@@ -96,7 +96,7 @@ def test_every_cloud_is_the_selection_rounded_to_the_step(folder: Path) -> None:
         views = plan().views.around(mesh.centre, mesh.longest_side)
         with prepare(mesh, "oracle") as oracle:
             for variation in range(2):
-                points = sample(mesh, RECIPE, seed_of(RECIPE.seed, key, variation))
+                points = sample(mesh, CONFIG, seed_of(CONFIG.seed, key, variation))
                 mask = oracle.visible(points, views.eyes)
                 for view in range(7):
                     cloud, seen = clouds[index], mask[view]
@@ -171,7 +171,7 @@ def test_a_split_without_a_cloud_is_read_as_none(tmp_path: Path) -> None:
     entries = [MeshEntry("seen", "ball", "train", ball), MeshEntry("unseen", "brick", "test", brick)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(oracle, "prepare", prepare_oracle)
-        document = generate(Plan(MeshCollection(entries), RECIPE, "packed"), tmp_path / "out")
+        document = generate(Plan(MeshCollection(entries), CONFIG, "packed"), tmp_path / "out")
     assert list(document["counts"]["clouds_by_split"]) == ["train"]
     assert open_dataset(tmp_path / "out").n_clouds == document["counts"]["clouds_by_split"]
 

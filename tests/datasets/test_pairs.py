@@ -18,7 +18,7 @@ from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.shapes import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 SIZE = 2048
 
@@ -28,8 +28,8 @@ def plan(*meshes: Mesh, **changed: Any) -> Plan:
         MeshEntry(f"m{i}", "thing", "train" if i % 2 == 0 else "test", lambda m=m: m) for i, m in enumerate(meshes)
     ]
     given = {"views": "fibonacci:16", "n_points": 20_000, "sample_size": SIZE, "overlap": (0.3, 0.7), **changed}
-    recipe = DatasetConfig(method="exact", **given)
-    return Plan(MeshCollection(entries), find_format("pairs").redrawn(recipe), "pairs")
+    config = DatasetConfig(method="exact", **given)
+    return Plan(MeshCollection(entries), find_format("pairs").redrawn(config), "pairs")
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -87,8 +87,8 @@ def test_overlaps_are_those_of_nearest_neighbours(made: tuple[Path, dict[str, An
 
 def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_places_see(tmp_path: Path) -> None:
     sensor = sensors.make("pinhole", width=160, height=120, fov=40.0, noise=0.002)
-    setup = ScanConfig(sensor.to_dict(), range=(3.0, 3.0), size={"thing": 1.0}, method="exact")
-    made = plan(make("bottle", 1), sample_size=1024, scale="mesh", scanning=setup.to_dict())
+    scan = ScanConfig(sensor, range=(3.0, 3.0), size={"thing": 1.0}, method="exact")
+    made = plan(make("bottle", 1), sample_size=1024, scale="mesh", scan=scan)
     generate(made, tmp_path / "scans")
     rows = read(tmp_path / "scans" / "MVP_Train_RG.h5")
     assert len(rows["overlap"]) == 16
@@ -110,12 +110,12 @@ def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_place
             zo.visible_mesh(standing, each).mesh.areas.sum() for each in (first, second, [first, second])
         )
         assert rows["overlap"][i] == pytest.approx((one + other - both) / one, abs=0.03), "by areas, not by points"
-    packed = Plan(made.meshes, replace(made.recipe, overlap=None), "packed")
+    packed = Plan(made.meshes, replace(made.config, overlap=None), "packed")
     generate(packed, tmp_path / "packed")
     with pytest.raises(DatasetError, match="generate --format"):
         convert(tmp_path / "packed", tmp_path / "converted", "pairs")
     with pytest.raises(OptionError, match="object alone"):
-        generate(plan(box(), scanning=setup.to_dict() | {"scene": "room"}), tmp_path / "room")
+        generate(plan(box(), scan=replace(scan, scene="room")), tmp_path / "room")
 
 
 def test_overlaps_are_counted_and_even() -> None:

@@ -22,7 +22,7 @@ SIDES = np.concatenate([np.eye(3), -np.eye(3)])
 
 def changes(format: str) -> dict[str, Any]:
     size = find_format(format).options.get("sample_size", 128)
-    return {"sample_size": size, "views": "random:1" if format == "completion3d" else plan(format).recipe.views}
+    return {"sample_size": size, "views": "random:1" if format == "completion3d" else plan(format).config.views}
 
 
 def sides_of(points: np.ndarray) -> np.ndarray:
@@ -45,21 +45,21 @@ def in_mesh(record: Any, pose: np.ndarray, frame: str) -> np.ndarray:
     return (points - pose[:3, 3]) @ pose[:3, :3] if frame == "camera" else points
 
 
-def check(out: Path, recipe: DatasetConfig) -> int:
+def check(out: Path, config: DatasetConfig) -> int:
     """Partial clouds lie on the sides that their eye sees, complete ones on all six; return the number of clouds."""
     source = open_to_show(out)
     assert source.complete is not None
     records = source.take(np.concatenate(list(source.order.values())))
     for record in records:
         pose = record["pose"]
-        flip = np.diag([1, -1, -1]) if recipe.axes == "opencv" else np.eye(3)
+        flip = np.diag([1, -1, -1]) if config.axes == "opencv" else np.eye(3)
         eye = -pose[:3, :3].T @ pose[:3, 3]
         back = (flip @ pose[:3, :3])[2]  # of OpenGL's axes: from what is looked at to the eye
         assert (eye - slab().centre) / np.linalg.norm(eye - slab().centre) == pytest.approx(back, abs=1e-6)
-        assert all_seen(in_mesh(record, pose, recipe.frame), eye)
+        assert all_seen(in_mesh(record, pose, config.frame), eye)
         whole = source.complete(record, 700)
         assert whole["data"].shape == (700, 3)
-        assert sides_of(in_mesh(whole, pose, recipe.frame)).any(axis=0).all()
+        assert sides_of(in_mesh(whole, pose, config.frame)).any(axis=0).all()
     return len(records)
 
 
@@ -67,7 +67,7 @@ def check(out: Path, recipe: DatasetConfig) -> int:
 def test_what_is_written_is_read_back_z_up(format: str, tmp_path: Path) -> None:
     made = plan(format, **changes(format))
     manifest = generate(made, tmp_path / "out")
-    assert check(tmp_path / "out", made.recipe) == sum(manifest["counts"]["clouds_by_split"].values())
+    assert check(tmp_path / "out", made.config) == sum(manifest["counts"]["clouds_by_split"].values())
 
 
 @pytest.mark.parametrize("format", ["completion3d", "epn3d"])
@@ -76,7 +76,7 @@ def test_what_is_written_is_read_back_z_up(format: str, tmp_path: Path) -> None:
 def test_pairs_in_the_cameras_frame(format: str, scale: str, axes: str, tmp_path: Path) -> None:
     made = plan(format, **changes(format) | {"frame": "camera", "scale": scale, "axes": axes})
     generate(made, tmp_path / "out")
-    check(tmp_path / "out", made.recipe)
+    check(tmp_path / "out", made.config)
     words = {"opengl": ["right", "up", "backwards"], "opencv": ["right", "down", "forward"]}
     assert read_finished(tmp_path / "out")[1]["axes"] == words[axes]
     source = open_to_show(tmp_path / "out")
@@ -107,7 +107,7 @@ def test_partial_clouds_of_varying_length_as_the_originals(format: str, tmp_path
 
     made = plan(format, sample_size=None, attributes=("normals",))
     generate(made, tmp_path / "out")
-    check(tmp_path / "out", made.recipe)
+    check(tmp_path / "out", made.config)
     pattern = "train/partial/*/*/*.pcd" if format == "pcn" else "projected_partial_noise/*/*/models/*.pcd"
     fields = np.concatenate([np.load(path) for path in (tmp_path / "out").glob("clouds_*.npy")])
     sizes = []

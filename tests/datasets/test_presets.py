@@ -92,6 +92,6 @@ def test_originals_are_the_same_points_without_hsr() -> None:
     )
     originals = plan_of_originals(plan)
     assert originals.n_clouds == 8
-    assert originals.recipe.complete
-    assert (originals.recipe.n_points, originals.recipe.seed, originals.format) == (77, 4, "npz")
+    assert originals.config.complete
+    assert (originals.config.n_points, originals.config.seed, originals.format) == (77, 4, "npz")
     assert originals.fingerprint != plan.fingerprint

@@ -32,11 +32,11 @@ ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "t
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same dataset in hdf5 and packed."""
     root = tmp_path_factory.mktemp("ragged")
-    recipe = DatasetConfig(
+    config = DatasetConfig(
         method="oracle", views="fibonacci:5", n_points=300, variations=2, sample_size=None, scale="mesh"
     )
     for format in ("hdf5", "packed"):
-        generate(Plan(MeshCollection(ENTRIES), recipe, format), root / format)
+        generate(Plan(MeshCollection(ENTRIES), config, format), root / format)
     return root
 
 
@@ -45,8 +45,8 @@ def test_archives_are_read_back(folder: Path) -> None:
     records = source.take(source.order["train"])
     for some in (records, records[:0]):
         file = io.BytesIO()
-        np.savez(file, **to_arrays(some, source.plan.recipe))
-        assert equal(read_archive(io.BytesIO(file.getvalue()), source.plan.recipe), some)
+        np.savez(file, **to_arrays(some, source.plan.config))
+        assert equal(read_archive(io.BytesIO(file.getvalue()), source.plan.config), some)
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,8 @@ def test_centre_and_factor_lead_back_to_visible_points(points: SurfacePoints) ->
 
 
 def test_camera_frame_puts_the_eye_at_the_origin_looking_along_minus_z(points: SurfacePoints) -> None:
-    recipe = DatasetConfig(sample_size=50, scale="mesh", frame="camera")
-    record = gather_clouds(points, half_mask(points), VIEWS, recipe, "square", 0)[0]
+    config = DatasetConfig(sample_size=50, scale="mesh", frame="camera")
+    record = gather_clouds(points, half_mask(points), VIEWS, config, "square", 0)[0]
     assert (record["data"][:, 2] < 0).all()
     world = (record["data"] - record["pose"][:3, 3]) @ record["pose"][:3, :3]
     assert np.abs(world[:, 2]).max() < 1e-5, "all points lie in the plane z = 0 of the world"
@@ -82,9 +82,9 @@ def test_camera_frame_puts_the_eye_at_the_origin_looking_along_minus_z(points: S
 
 def test_the_subset_depends_on_seed_key_variation_and_view_only(points: SurfacePoints) -> None:
     def data(**changes: object) -> bytes:
-        recipe = DatasetConfig(sample_size=50, seed=int(changes.get("seed", 0)))  # type: ignore[call-overload]
+        config = DatasetConfig(sample_size=50, seed=int(changes.get("seed", 0)))  # type: ignore[call-overload]
         key, variation = str(changes.get("key", "a")), int(changes.get("variation", 0))  # type: ignore[call-overload]
-        return gather_clouds(points, half_mask(points), VIEWS, recipe, key, variation)["data"].tobytes()
+        return gather_clouds(points, half_mask(points), VIEWS, config, key, variation)["data"].tobytes()
 
     assert data() == data()
     assert len({data(), data(seed=1), data(key="b"), data(variation=1)}) == 4

@@ -8,7 +8,6 @@ import pytest
 JOB = """
 import gc, sys, tempfile
 from contextlib import nullcontext
-from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 from zbuf_occlude.datasets.plan import Plan, DatasetConfig
@@ -18,7 +17,7 @@ from zbuf_occlude.engines.gl.context import GlContext
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.base.jit import compiler
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 def compiled():
     functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
@@ -27,13 +26,13 @@ def compiled():
 method, scene, kind = sys.argv[1:]
 boxes = ["boxes"] if kind.endswith("boxes") else []
 keep = "all" if boxes else "target"
-setup = scene and asdict(ScanConfig(make("hdl-64e").to_dict(), range=(10.0, 10.0), scene=scene, keep=keep))
+scan = ScanConfig(make("hdl-64e"), range=(10.0, 10.0), scene=scene, keep=keep) if scene else None
 compiler.note_compiled = print
-recipe = DatasetConfig(method, views="ring:2@0", scanning=setup or None, attributes=boxes, complete=kind == "complete")
-warm_up_jit(recipe)
+config = DatasetConfig(method, views="ring:2@0", scan=scan, attributes=boxes, complete=kind == "complete")
+warm_up_jit(config)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() if method == "depth_buffer" else nullcontext() as gl:
-    plan = Plan(shapes.collection().interleaved().limit(2), recipe)
+    plan = Plan(shapes.collection().interleaved().limit(2), config)
     make_shard(plan, 0, Path(out), gl)
     report, _ = read_shard(plan, Path(out), 0)
 assert not report.failures, report.failures

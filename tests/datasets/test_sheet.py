@@ -18,7 +18,7 @@ from zbuf_occlude.datasets.source import open_to_show
 from zbuf_occlude.geometry.camera import view_matrices
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
-RECIPE = DatasetConfig(method="exact")
+CONFIG = DatasetConfig(method="exact")
 
 
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
@@ -35,7 +35,7 @@ def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
 def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarray:
     """The pixels of a sheet of one cloud, (h, w, 3)."""
     cloud = cloud_of(positions)
-    plan = SimpleNamespace(classes=(name,), recipe=RECIPE)
+    plan = SimpleNamespace(classes=(name,), config=CONFIG)
     source: Any = SimpleNamespace(
         plan=plan, block=None, complete=None, order={"train": [0]}, batches=lambda split, n: iter([cloud])
     )
@@ -93,7 +93,7 @@ def test_without_pillow_there_is_no_sheet(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> None:
     clouds = {"train": cloud_of(np.eye(3), 1), "val": np.empty(0), "test": cloud_of(np.eye(3), 0)}
-    plan = SimpleNamespace(classes=("a", "b"), recipe=RECIPE)
+    plan = SimpleNamespace(classes=("a", "b"), config=CONFIG)
     source: Any = SimpleNamespace(
         plan=plan,
         block=None,
@@ -136,8 +136,8 @@ def check_pairs(path: Path, column: int = 0) -> None:
 
 
 def test_pairs_of_packed_are_partial_complete_and_both(tmp_path: Path) -> None:
-    recipe = DatasetConfig(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
-    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "packed")
+    config = DatasetConfig(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
+    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), config, "packed")
     generate(plan, tmp_path / "packed")
     check_pairs(tmp_path / "packed" / "contact_sheet.png")
 
@@ -146,10 +146,10 @@ def test_pairs_of_packed_are_partial_complete_and_both(tmp_path: Path) -> None:
 def test_pairs_of_a_layout_are_shown_when_it_is_made_and_when_it_is_read_back(
     frame: str, axes: str, tmp_path: Path
 ) -> None:
-    recipe = DatasetConfig(
+    config = DatasetConfig(
         method="exact", views="ring:6@25", n_points=4000, sample_size=2048, scale="object", frame=frame, axes=axes
     )
-    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "epn3d")
+    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), config, "epn3d")
     generate(plan, tmp_path / "out")
     check_pairs(tmp_path / "out" / "contact_sheet.png")
     assert write_contact_sheet(tmp_path / "again.png", open_to_show(tmp_path / "out"))

@@ -19,8 +19,8 @@ N = 32
 
 def plan(**changes: object) -> Plan:
     mesh = box(tuple(SIDES)).transformed(1.0, (3.0, 1.0, 2.0))
-    recipe = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=64, **changes)
-    return Plan(MeshCollection([MeshEntry("crate/one.off", "crate", "train", lambda: mesh)]), recipe, "voxels")
+    config = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=64, **changes)
+    return Plan(MeshCollection([MeshEntry("crate/one.off", "crate", "train", lambda: mesh)]), config, "voxels")
 
 
 @pytest.mark.parametrize("scale", ["mesh", "object"])

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.datasets.test_export import recipe_for
+from tests.datasets.test_export import config_for
 from tests.datasets.test_generate import broken, tetrahedron
 from tests.net.digests import STEP
 from zbuf_occlude import MeshCollection
@@ -40,7 +40,7 @@ def plan_of(row: Format) -> Plan:
         MeshEntry(f"m{i}", ("bed", "table")[i % 2], "test" if i % 3 == 0 else "train", load)
         for i, load in enumerate(loads)
     ]
-    return Plan(MeshCollection(entries), recipe_for(row, n_points, 32), row.name)
+    return Plan(MeshCollection(entries), config_for(row, n_points, 32), row.name)
 
 
 def plain(value: Any) -> bytes:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,9 @@ from tests.scenes import box, sphere
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.kinds import plate_mesh
-from zbuf_occlude.sensors.setup import ScanConfig
 
 WIDTH, HEIGHT = 96, 64
 SCENE = Scene.joined(
@@ -39,13 +38,13 @@ def pixels(path: Path) -> Any:
     return np.asarray(Image.open(path))
 
 
-def dataset(folder: Path, views: str, setup: ScanConfig, meshes: dict[str, Callable[[], zo.Mesh]]) -> dict[str, Any]:
+def dataset(folder: Path, views: str, scan: ScanConfig, meshes: dict[str, Callable[[], zo.Mesh]]) -> dict[str, Any]:
     """Generate the views of some classes of one mesh each; return the manifest."""
-    recipe = DatasetConfig(
-        method="exact", views=views, scanning=asdict(setup), sample_size=None, scale="mesh", attributes=("normals",)
+    config = DatasetConfig(
+        method="exact", views=views, scan=scan, sample_size=None, scale="mesh", attributes=("normals",)
     )
     entries = [MeshEntry(f"a/{label}.off", label, "train", mesh) for label, mesh in meshes.items()]
-    return generate(Plan(MeshCollection(entries), recipe, "bop"), folder)
+    return generate(Plan(MeshCollection(entries), config, "bop"), folder)
 
 
 @pytest.fixture(scope="module")
@@ -174,8 +173,8 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
     import open3d as o3d
 
     sensor = zo.sensors.make("pinhole", width=WIDTH, height=HEIGHT, fov=60)
-    setup = ScanConfig(sensor.to_dict(), size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
-    manifest = dataset(tmp_path, "ring:3@15", setup, {"chest": lambda: box((0.4, 0.5, 0.8)), "lamp": lambda: sphere(8)})
+    scan = ScanConfig(sensor, size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
+    manifest = dataset(tmp_path, "ring:3@15", scan, {"chest": lambda: box((0.4, 0.5, 0.8)), "lamp": lambda: sphere(8)})
     assert manifest["counts"]["clouds"] == 6
     n_models, n_objects = len(json.loads((tmp_path / "models" / "models_info.json").read_text())), 0
     for place in sorted((tmp_path / "train").iterdir()):
@@ -199,8 +198,8 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
 
 def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
     """Of an object that nothing hides all is visible, also where the sensor has no return."""
-    setup = ScanConfig(zo.sensors.make("kinect-v1").to_dict(), size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
-    dataset(tmp_path, "ring:1@15", setup, {"crate": box})
+    scan = ScanConfig(zo.sensors.make("kinect-v1"), size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
+    dataset(tmp_path, "ring:1@15", scan, {"crate": box})
     place = tmp_path / "train" / "000000"
     (info,) = json.loads((place / "scene_gt_info.json").read_text())["0"]
     depth, mask = pixels(place / "depth" / "000000.png"), pixels(place / "mask_visib" / "000000_000000.png") > 0

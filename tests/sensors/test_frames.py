@@ -1,7 +1,6 @@
 """Frames: depth, normals and instances against closed forms, the oracle and Open3D; their files, read back."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors.frames import depth_unit
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Placed, moved
-from zbuf_occlude.sensors.setup import ScanConfig
 
 SMALL = {"width": 64, "height": 48}
 CAMERAS = [
@@ -196,15 +195,15 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
     width, height = (20, 30) if from_file else (64, 48)  # those of a file are in the file
     sensor = zo.sensors.make("pinhole", width=width, height=height, fov=30)
-    recipe = DatasetConfig(
+    config = DatasetConfig(
         method="exact",
         views=str(cameras) if from_file else "ring:3@25",
-        scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", method="exact")),
+        scan=ScanConfig(sensor, size="file", keep="all", method="exact"),
         sample_size=None,
         scale="mesh",
         attributes=("normals",),
     )
-    plan = Plan(MeshCollection([MeshEntry("a/box.off", "box", "train", lambda: mesh)]), recipe, "frames")
+    plan = Plan(MeshCollection([MeshEntry("a/box.off", "box", "train", lambda: mesh)]), config, "frames")
     manifest = generate(plan, tmp_path / "out")
     assert manifest["error"]["false_visible"] == manifest["error"]["false_hidden"] == 0.0
     (folder,) = json.loads((tmp_path / "out" / "valid_paths.json").read_text())
@@ -235,16 +234,16 @@ def test_of_several_echoes_a_picture_has_the_first(form: str, tmp_path: Path) ->
     for returns in ("first", "last", "all"):
         numbers = {"width": 64, "height": 48, "fov": 40, "divergence": 0.02, "echo_separation": 0.1}
         sensor = zo.sensors.make("pinhole", returns=returns, **numbers)
-        recipe = DatasetConfig(
+        config = DatasetConfig(
             method="exact",
             views="ring:1@0",
-            scanning=asdict(ScanConfig(sensor.to_dict(), size="file", keep="all", range=(4.0, 4.0), method="exact")),
+            scan=ScanConfig(sensor, size="file", keep="all", range=(4.0, 4.0), method="exact"),
             sample_size=None,
             scale="mesh",
             attributes=("normals",),
         )
         generate(
-            Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), recipe, form), tmp_path / returns
+            Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), config, form), tmp_path / returns
         )
         (file,) = (tmp_path / returns).glob("**/*_depth.png" if form == "frames" else "**/depth/*.png")
         shown[returns] = np.array(image.open(file))

@@ -1,5 +1,6 @@
 """Sensors that move while they scan, against closed forms and against scans at rest."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import zbuf_occlude as zo
 from tests.scenes import ACROSS, box, stacked
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 from zbuf_occlude.sensors import Motion, look_at, make, read_trajectory
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
 ROOM = box((20.0, 16.0, 6.0))
 
@@ -167,13 +168,29 @@ def test_a_camera_that_looks_once_cannot_move() -> None:
         with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
             zo.scan(ROOM, sensor, motion=Motion(turn=1.0))
         with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
-            ScanConfig(make(sensor).to_dict(), motion={"turn": 1.0})
-    with pytest.raises(zo.ArgumentError, match="motion must be a mapping"):
-        ScanConfig(make("vlp-16").to_dict(), motion="left")  # type: ignore[arg-type]
-    with pytest.raises(zo.OptionError, match="a key of motion"):
-        ScanConfig(make("vlp-16").to_dict(), motion={"speed": 3.0})
+            ScanConfig(make(sensor), motion=Motion(turn=1.0))
+    with pytest.raises(zo.ArgumentError, match="motion must be a sensors"):
+        ScanConfig(make("vlp-16"), motion="left")  # type: ignore[arg-type]
     with pytest.raises(zo.ArgumentError, match="transparent must be a mapping"):
-        ScanConfig(make("vlp-16").to_dict(), transparent=["glass"])  # type: ignore[arg-type]
+        ScanConfig(make("vlp-16"), transparent=["glass"])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Motion((20, 0, 1), 30, deskew=True),
+        Motion(trajectory=[[0, 2, 0.1, 0.3, 0.3, 0.1, 0.7, 3], [1, 5, 0, 0, 0.1, 0, 0.9, 7.1]]),
+    ],
+)
+def test_scans_read_back_are_the_same(motion: Motion) -> None:
+    """Quaternions too, which are not of length 1: a plan is known by its numbers."""
+    given = ScanConfig(make("vlp-16", sigma=0.1), range="3..7@area", size=2, motion=motion)
+    written = json.loads(json.dumps(given.to_dict()))
+    assert json.loads(json.dumps(ScanConfig.from_dict(written).to_dict())) == written
+    moved = ScanConfig.from_dict(written).motion
+    assert moved is not None
+    times = np.linspace(0.0, 1.0, 5)
+    assert all(map(np.array_equal, moved.poses(times), motion.poses(times)))
 
 
 def test_a_second_eye_stands_still() -> None:

@@ -9,9 +9,9 @@ import pytest
 from zbuf_occlude import OptionError, views
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import sensor_views
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 
-SENSOR = make("vlp-16").to_dict()
+SENSOR = make("vlp-16")
 
 
 def ranges(n: int, **given: Any) -> np.ndarray:
@@ -33,7 +33,7 @@ def test_ranges_have_the_distribution_of_their_law(span: str, power: int) -> Non
 def test_a_law_is_text_or_a_field() -> None:
     text, field = ScanConfig(SENSOR, range="5..50@area"), ScanConfig(SENSOR, range=(5, 50), range_law="area")
     assert (text.range, text.range_law) == (field.range, field.range_law) == ((5.0, 50.0), "area")
-    assert ScanConfig(**text.to_dict()) == text
+    assert ScanConfig.from_dict(text.to_dict()).to_dict() == text.to_dict()
     assert ScanConfig(SENSOR, range=7).range_law == "range"
     with pytest.raises(OptionError, match=r"range law must be one of range, area; got 'disc'"):
         ScanConfig(SENSOR, range="5..50@disc")

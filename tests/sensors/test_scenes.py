@@ -19,12 +19,12 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
+from zbuf_occlude.sensors.scan_config import ScanConfig, span_of
 from zbuf_occlude.sensors.scenes import KINDS, Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.contents import BELONGING, Pool, read_scene, surroundings
 from zbuf_occlude.sensors.scenes.scene import ALBEDOS, TYPICAL_ALBEDO, draw_albedos
 from zbuf_occlude.sensors.scenes.sizes import SIZES, Sizes, size_of, sizes_of
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.sensors.setup import ScanConfig, span_of
 from zbuf_occlude.views import Views
 
 SHAPES = shapes.collection(n_members=2)
@@ -35,8 +35,8 @@ def seeds(what: str, view: int, *, seed: int = 0) -> np.random.SeedSequence:
     return np.random.SeedSequence([seed, *what.encode(), view])
 
 
-def setup(sensor: str = "vlp-32c", **given: Any) -> ScanConfig:
-    return ScanConfig(make(sensor).to_dict(), method="embree", **given)
+def scan_config(sensor: str = "vlp-32c", **given: Any) -> ScanConfig:
+    return ScanConfig(make(sensor), method="embree", **given)
 
 
 def scans(asked: ScanConfig, views: Views, mesh: zo.Mesh = CAR, label: str = "car", seed: int = 0) -> list[Capture]:
@@ -76,7 +76,7 @@ def test_joined_keeps_whose_face_is_whose() -> None:
 @pytest.mark.parametrize("sensor", ["kinect-v1", "realsense-d435", "cyberware-3030"])
 def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
     views = zo.views.parse("grid:3x10@15..75")
-    asked = setup(sensor, scene=scene, range=(0.4, 0.4))
+    asked = scan_config(sensor, scene=scene, range=(0.4, 0.4))
     places = sensor_views(views, 0.3, -0.15, asked, seeds)
     assert np.allclose(places.eyes, 0.4 / 4.0 * views.eyes)
     standing = box((0.3, 0.3, 0.3))
@@ -92,20 +92,23 @@ def test_lidars_are_mounted_above_the_ground(sensor: str) -> None:
     views = zo.views.parse("grid:3x10@15..75")
     for height in (None, 2.5):
         places = sensor_views(
-            views, 0.3, -0.15, setup(sensor, scene="ground", range=(5, 5), sensor_height=height), seeds
+            views, 0.3, -0.15, scan_config(sensor, scene="ground", range=(5, 5), sensor_height=height), seeds
         )
         assert np.allclose(places.eyes[:, 2], (height or 1.73) - 0.15)
         assert np.allclose(np.linalg.norm(places.eyes[:, :2], axis=1), 5.0)
 
 
 def test_cameras_below_the_ground_stand_on_it() -> None:
-    views, asked = zo.views.parse("grid:4x2@-60..0"), setup("kinect-v1", scene="room", range=(2.0, 2.0))
+    views, asked = zo.views.parse("grid:4x2@-60..0"), scan_config("kinect-v1", scene="room", range=(2.0, 2.0))
     places = sensor_views(views, 1.0, -0.5, asked, seeds)
     wanted = 2.0 * np.sin(views.elevation)
     assert np.allclose(places.eyes[:, 2], np.maximum(wanted, -0.49))
     assert np.allclose(np.linalg.norm(places.eyes, axis=1), 2.0)
     assert n_raised(views, places, asked) == (wanted < -0.49).sum() == 6
-    assert n_raised(views, sensor_views(views, 1.0, -0.5, setup(scene="room"), seeds), setup(scene="room")) == 0
+    assert (
+        n_raised(views, sensor_views(views, 1.0, -0.5, scan_config(scene="room"), seeds), scan_config(scene="room"))
+        == 0
+    )
 
 
 def test_albedos_are_drawn_of_objects_that_have_none() -> None:
@@ -129,7 +132,7 @@ def test_returns_over_all_paints() -> None:
     """Of a plate across the line of sight: exp(-(range / reach)^2 / albedo), its mean over albedos of every factor."""
     plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
     camera = make("pinhole:width=20,height=20,fov=2", axial=False, detection_range=40.0)
-    asked = ScanConfig(camera.to_dict(), range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
+    asked = ScanConfig(camera, range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
     n_draws = 300
     found = [len(scans(asked, ring(1), plate, "plate", seed=seed)[0].scan) / 400 for seed in range(n_draws)]
     factors = (np.arange(10_000) + 0.5) / 10_000
@@ -140,7 +143,7 @@ def test_returns_over_all_paints() -> None:
 
 def test_a_capture_is_the_scan_of_its_scene() -> None:
     """What generate and the loops' transform keep is what `zo.scan` gives of the same scene, place and seed."""
-    for capture in scans(setup(scene="street", range=(8.0, 30.0), keep="all"), ring(2)):
+    for capture in scans(scan_config(scene="street", range=(8.0, 30.0), keep="all"), ring(2)):
         view = int(capture.scan.origin[0] < 0.0)
         again = zo.scan(capture.scene, make("vlp-32c"), capture.pose, seed=seeds("scan", view), method="embree")
         assert len(again) > 1000
@@ -150,7 +153,7 @@ def test_a_capture_is_the_scan_of_its_scene() -> None:
 
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS])
 def test_every_kind_of_scene(kind: str) -> None:
-    asked = setup(range=(12.0, 12.0) if kind != "room" else (4.0, 4.0), scene=kind, keep="all")
+    asked = scan_config(range=(12.0, 12.0) if kind != "room" else (4.0, 4.0), scene=kind, keep="all")
     (capture,) = scans(asked, ring(1))
     labels = set(capture.scene.labels)
     assert capture.scene.labels[0] == "target"
@@ -173,7 +176,7 @@ def test_every_kind_of_scene(kind: str) -> None:
 )
 def test_hidden_means_what_it_says(kind: str, share: tuple[float, float]) -> None:
     """Measured anew by the oracle on other points: within 2 percent of what the capture says, which is as asked."""
-    asked = setup(range=(14.0, 14.0) if kind == "street" else (5.0, 5.0), scene=kind, hidden=share, keep="all")
+    asked = scan_config(range=(14.0, 14.0) if kind == "street" else (5.0, 5.0), scene=kind, hidden=share, keep="all")
     reached = 0
     for capture in scans(asked, ring(4)):
         mesh = capture.scene.mesh
@@ -194,8 +197,8 @@ def test_hidden_means_what_it_says(kind: str, share: tuple[float, float]) -> Non
 def test_what_is_left_out_of_a_scene_changes_no_point_of_the_target() -> None:
     """`keep=target` casts rays towards the target only, past objects near them only; `all` casts every ray."""
     given = {"range": (14.0, 14.0), "scene": "street", "hidden": (0.3, 0.3)}
-    few = scans(ScanConfig(make("vlp-32c", noise=0).to_dict(), method="embree", **given), ring(2))  # type: ignore[arg-type]
-    every = scans(ScanConfig(make("vlp-32c", noise=0).to_dict(), method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
+    few = scans(ScanConfig(make("vlp-32c", noise=0), method="embree", **given), ring(2))  # type: ignore[arg-type]
+    every = scans(ScanConfig(make("vlp-32c", noise=0), method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
     for one, other in zip(few, every, strict=True):
         mine = other.scan.select(other.scan.instances == 0)
         assert len(one.scan) == len(mine) > 50
@@ -205,12 +208,16 @@ def test_what_is_left_out_of_a_scene_changes_no_point_of_the_target() -> None:
 
 def test_keep_box() -> None:
     on_ground = {"range": (8.0, 8.0), "scene": "ground"}
-    (target,), (boxed,), (every,) = (scans(setup(keep=keep, **on_ground), ring(1)) for keep in ("target", "box", "all"))
+    (target,), (boxed,), (every,) = (
+        scans(scan_config(keep=keep, **on_ground), ring(1)) for keep in ("target", "box", "all")
+    )
     assert (target.scan.instances == 0).all()
     assert 0 < (boxed.scan.instances != 0).sum() < (every.scan.instances != 0).sum()  # some ground
     half = 1.1 * np.ptp(CAR.bounds, axis=0) * 4.5 / CAR.longest_side / 2
     assert (np.abs(boxed.scan.positions) <= half + 1e-9).all()
-    disturbed = [scans(setup(keep="box:shift=.5,rotate,scale", **on_ground), ring(1), seed=s)[0] for s in range(4)]
+    disturbed = [
+        scans(scan_config(keep="box:shift=.5,rotate,scale", **on_ground), ring(1), seed=s)[0] for s in range(4)
+    ]
     counts = {len(capture.scan) for capture in disturbed}
     assert len(counts) == 4
     assert any((np.abs(capture.scan.positions) > half).any() for capture in disturbed)
@@ -222,7 +229,7 @@ def test_sizes() -> None:
     assert size_of("car", sizes_of("car=3.9,chair=1"), 1.0) == 3.9
     assert size_of("gizmo", sizes_of("2.5"), 1.0) == 2.5
     assert size_of("gizmo", sizes_of("file"), 7.0) == 7.0
-    mesh, size = in_metres(CAR, "car", setup())
+    mesh, size = in_metres(CAR, "car", scan_config())
     assert size == mesh.longest_side == pytest.approx(4.5)
     assert np.allclose(mesh.centre, 0.0)
     with pytest.raises(zo.OptionError, match=r"every class must have a size in metres; 'gizmo' has none\. Give --size"):
@@ -241,7 +248,7 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
         {"class": "truck", "position": [-20, 0, 0]},
     ]
     path.write_text(json.dumps({"objects": objects}))
-    asked = setup(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
+    asked = scan_config(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
     (capture,) = scans(asked, ring(1))
     assert capture.scene.labels == ("target", "ground", "crate", "truck")
     truck = capture.scene.mesh.corners[capture.scene.instances == 3].reshape(-1, 3)
@@ -295,12 +302,12 @@ def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
 )
 def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:
     with pytest.raises(zo.OptionError, match=words):
-        setup(**given)
+        scan_config(**given)
 
 
 def test_a_range_within_the_object() -> None:
     with pytest.raises(zo.MeshError, match=r"the range must be more than half the object's 4\.5 m; it is 2 m\."):
-        scans(setup(range=(2.0, 2.0)), ring(1))
+        scans(scan_config(range=(2.0, 2.0)), ring(1))
     assert span_of("--range", "5..50") == (5.0, 50.0)
     assert span_of("--range", "7") == (7.0, 7.0)
     with pytest.raises(zo.OptionError, match=r"--range must be a number, or two as A\.\.B; got 'near'\."):
@@ -341,12 +348,10 @@ def test_streets_have_road_users_and_rooms_furniture(scene: str, belonging: set[
 @pytest.mark.parametrize(("scene", "distance"), [("street", 8.0), ("room", 2.0)])
 def test_a_plan_s_scenes_are_as_large_as_they_are_in_the_world(scene: str, distance: float) -> None:
     """As `generate --scene room --size 0.5` makes them, of all the built-in classes: what stands about the target."""
-    asked = setup("vlp-16", scene=scene, range=(distance, distance), size={"*": 0.5}, keep="all")
-    plan = Plan(
-        SHAPES, DatasetConfig("exact", views="ring:2@20", sample_size=None, scale="mesh", scanning=asked.to_dict())
-    )
+    asked = scan_config("vlp-16", scene=scene, range=(distance, distance), size={"*": 0.5}, keep="all")
+    plan = Plan(SHAPES, DatasetConfig("exact", views="ring:2@20", sample_size=None, scale="mesh", scan=asked))
     for number in (0, 5):
-        for made in scanned_scenes(plan, number, 0):
+        for made in scanned_scenes(plan, asked, number, 0):
             target, *others = (each for each in made.placed if not each.is_background)
             assert target.mesh.longest_side == pytest.approx(0.5)
             assert len(others) > 2

@@ -13,8 +13,8 @@ from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import in_metres
 from zbuf_occlude.sensors.noise import ROUGH_BACKSCATTER
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
-from zbuf_occlude.sensors.setup import ScanConfig
 
 PASSING = 0.7
 
@@ -189,7 +189,7 @@ def test_a_factor_is_one_per_face_in_0_to_1(scattering: list[float]) -> None:
 
 def test_windows_of_road_users_reach_datasets() -> None:
     """The mesh of a cloud keeps what its windows scatter; names make the same windows transparent."""
-    car, config = traffic.make("car", 0), ScanConfig(make("vlp-16").to_dict())
+    car, config = traffic.make("car", 0), ScanConfig(make("vlp-16"))
     assert car.colors is not None
     standing, _ = in_metres(car, "car", config)
     assert standing.colors is not None

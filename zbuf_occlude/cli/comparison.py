@@ -132,9 +132,9 @@ def compare_command(
     cases: list[Case] = []
     if meshes or not presets:
         collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
-        recipe = DatasetConfig(views=views, distance=distance[0], farthest=distance[1], seed=seed)
-        recipe.make_views()  # raises for wrong --views
-        cases += mesh_cases(collection, subjects, recipe.make_views, n_points=points, seed=seed, most_views=most_views)
+        config = DatasetConfig(views=views, distance=distance[0], farthest=distance[1], seed=seed)
+        config.make_views()  # raises for wrong --views
+        cases += mesh_cases(collection, subjects, config.make_views, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
         if name in CASES:
             replaced(f"compare --preset {name}", f"paper {name}")

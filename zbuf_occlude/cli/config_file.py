@@ -10,7 +10,7 @@ from zbuf_occlude.base.documents import parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, did_you_mean
 from zbuf_occlude.cli.scan_options import SCAN_OPTIONS
 from zbuf_occlude.cli.shell import Command, echo
-from zbuf_occlude.sensors.setup import SURFACE
+from zbuf_occlude.sensors.scan_config import SURFACE
 
 CONFIG, MESHES = "config", "meshes"
 """Name of the option with the file, and of the argument."""

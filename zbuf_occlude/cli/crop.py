@@ -10,7 +10,7 @@ from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder
 from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.real.crops import DISTINCT, FIT, FRAMES, Crops, Ground, crop_objects
-from zbuf_occlude.sensors.setup import LEAST_POINTS, span_of
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS, span_of
 
 
 @click.command(cls=Command)

@@ -74,7 +74,7 @@ def gather(folder: Path) -> dict[str, Any]:
     plan, manifest = read_plan(folder), read_manifest(folder)
     report: dict[str, Any] = {
         "fingerprint": plan.fingerprint,
-        "method": "none, complete" if plan.recipe.complete else plan.recipe.method,
+        "method": "none, complete" if plan.config.complete else plan.config.method,
         "clouds_planned": plan.n_clouds,
         "shards": len(plan.shards),
         "complete": manifest is not None,
@@ -166,7 +166,7 @@ def check(
     plan, _ = read_finished(folder)
     collection = None
     if meshes:
-        has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
+        has_windows = plan.config.scan is not None and bool(plan.config.scan.transparent)
         up = frame[0] or _of_all(entry.up for entry in plan.meshes)
         unit = frame[1] or _of_all(entry.unit for entry in plan.meshes)
         collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=has_windows)
@@ -183,10 +183,10 @@ def check(
     echo(f"{verdict.n_files} files, " + (f"{verdict.n_clouds} clouds read" if verdict.n_clouds else "checksums read"))
     if verdict.false_visible is not None:
         echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
-    elif plan.recipe.complete and verdict.n_checked:
+    elif plan.config.complete and verdict.n_checked:
         spread = "not all on the surface, or not all over it" if verdict.faults else "on the surface, and all over it"
         echo(f"{verdict.n_checked} points of complete clouds: {spread}")
-    elif plan.recipe.setup is not None and verdict.n_checked:
+    elif plan.config.scan is not None and verdict.n_checked:
         same = "not all the same" if verdict.faults else "the same"
         echo(f"{verdict.n_checked} points scanned again: {same}")
     elif collection is None:

@@ -8,8 +8,8 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import default_up
 from zbuf_occlude.meshes.stance import Stances, stances, stands_on
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.sizes import FILE
-from zbuf_occlude.sensors.setup import ScanConfig
 
 
 def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, lengths: str = "") -> str:
@@ -30,11 +30,11 @@ def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, len
     return f"{axis}; {lengths or in_unit}"
 
 
-def lengths_of(setup: ScanConfig | None, unit: str | None) -> str:
+def lengths_of(scan: ScanConfig | None, unit: str | None) -> str:
     """Return a text on the lengths of meshes for a sensor; "" without a sensor or with a unit."""
-    if setup is None or unit is not None:
+    if scan is None or unit is not None:
         return ""
-    if setup.size == FILE:
+    if scan.size == FILE:
         return "metres by --size file (else give --unit)"
     return "metres by --size or class (else give --unit)"
 

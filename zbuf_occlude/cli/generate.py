@@ -47,7 +47,7 @@ from zbuf_occlude.datasets.rehearsal import is_warm, n_functions, needs_no_check
 from zbuf_occlude.datasets.workers import Done, Run, Task
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
-from zbuf_occlude.sensors.setup import LEAST_POINTS, SURFACE, ScanConfig, span_of
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS, SURFACE, ScanConfig, span_of
 from zbuf_occlude.views.model import AXES
 from zbuf_occlude.visibility import find_method
 
@@ -183,7 +183,7 @@ def generate_command(
     overwrite: bool,
     dry_run: bool,
     complete: bool,
-    **recipe: Any,
+    **options: Any,
 ) -> None:
     """Make a dataset of occluded point clouds.
 
@@ -217,32 +217,32 @@ def generate_command(
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     limits = Limits(mesh_seconds, mesh_gigabytes)
-    run = pop_engine(context, recipe, limits)
+    run = pop_engine(context, options, limits)
     row = find_format(format)
     if complete and (idle := explicitly_set(context, ("method", "settings"))):
         raise click.UsageError(f"{idle[0]} must go without --complete: nothing is hidden. Leave it out.")
     complete = complete or row.complete
-    setup = pop_scan_options(context, recipe, sampled=row.keeps_points or complete)
-    if setup is not None:
-        method = setup.method
+    scan = pop_scan_options(context, options, sampled=row.keeps_points or complete)
+    if scan is not None:
+        method = scan.method
         if complete:
             echo("complete clouds: whole objects as they stand before the sensor; nothing is scanned", err=True)
-    if recipe["scale"] == "metres" and setup is None and unit is None and not are_shapes_in_metres(context):
+    if options["scale"] == "metres" and scan is None and unit is None and not are_shapes_in_metres(context):
         raise click.UsageError("--scale metres needs lengths in metres: give --unit of the files, or --sensor.")
-    points, density = recipe.pop("points"), recipe.pop("density")
-    recipe["distance"], recipe["farthest"] = recipe["distance"]
-    if recipe["overlap"] is not None:
+    points, density = options.pop("points"), options.pop("density")
+    options["distance"], options["farthest"] = options["distance"]
+    if options["overlap"] is not None:
         if "overlap" not in row.options:
             raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
-        recipe["overlap"] = span_of("--overlap", recipe["overlap"])
+        options["overlap"] = span_of("--overlap", options["overlap"])
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    if complete and setup is None:
+    if complete and scan is None:
         choice = Choice("exact", "")  # never asked: it needs no OpenGL
     else:
-        choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
+        choice = Choice(method, "") if require_gpu or scan else chosen_method(context, method, settings)
     method = choice.method
     wanted = None if preset is None else find_preset(preset)
     choose = MeshCollection.interleaved if wanted is None else wanted.choose
@@ -254,16 +254,16 @@ def generate_command(
         out=out,
         choose=lambda meshes: choose(row.select(meshes)),
         shapes=shapes,
-        colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
-        divide=None if recipe["split"] is None else lambda meshes: meshes.divided(recipe["split"], recipe["seed"]),
-        **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
+        colors="colors" in options["attributes"] or bool(scan and scan.transparent),
+        divide=None if options["split"] is None else lambda meshes: meshes.divided(options["split"], options["seed"]),
+        **{name: options.pop(name) for name in ("labels", "classes", "splits")},
     )
-    read_as = taken_as(collection, up, unit, lengths_of(setup, unit))
+    read_as = taken_as(collection, up, unit, lengths_of(scan, unit))
     echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
-    for remark in missing_splits(collection, recipe["split"], context.params["splits"]):
+    for remark in missing_splits(collection, options["split"], context.params["splits"]):
         echo(remark, err=True)
     warn_of_lying(collection, up)
-    check_sizes(setup, collection)
+    check_sizes(scan, collection)
     made = DatasetConfig(
         method=method,
         reason=choice.reason,
@@ -271,14 +271,14 @@ def generate_command(
         n_points=None if density is not None else points or 20_000,
         density=density,
         complete=complete,
-        scanning=None if setup is None else setup.to_dict(),
-        **recipe,
+        scan=scan,
+        **options,
     )
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
-    if setup is not None:
-        check_ranges(context, setup, plan)
-    if require_gpu and not find_method(plan.recipe.method).needs_gl:
+    if scan is not None:
+        check_ranges(context, scan, plan)
+    if require_gpu and not find_method(plan.config.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
         raise GlError(
@@ -290,25 +290,25 @@ def generate_command(
     if dry_run:
         report_plans(plans, overwrite, require_gpu)
         return
-    if not needs_no_check(plan.recipe):
-        smoke_test(plan.recipe, require_gpu)
-    if not is_warm(plan.recipe):
+    if not needs_no_check(plan.config):
+        smoke_test(plan.config, require_gpu)
+    if not is_warm(plan.config):
         announce()
-        COMPILING.total = n_functions(plan.recipe)
-        warm_up_jit(plan.recipe)
+        COMPILING.total = n_functions(plan.config)
+        warm_up_jit(plan.config)
     share = share_of(shard)
     failed = [make(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
     if any(failed):
         raise SystemExit(SOME_FAILED)
 
 
-def check_ranges(context: click.Context, setup: ScanConfig, plan: Plan) -> None:
+def check_ranges(context: click.Context, scan: ScanConfig, plan: Plan) -> None:
     """Refuse ranges of cameras that stand where a file says; report options that do not count."""
-    if setup.range is not None and plan.views.rotations is not None:
+    if scan.range is not None and plan.views.rotations is not None:
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
-    for remark in overruled(setup, plan.views):
+    for remark in overruled(scan, plan.views):
         echo(remark, err=True)
-    if setup.range is not None and explicitly_set(context, ("distance",)):
+    if scan.range is not None and explicitly_set(context, ("distance",)):
         echo("--range says how far the sensor is: --distance does not count", err=True)
 
 
@@ -318,7 +318,7 @@ def report_plans(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gp
         check_folder(*each, overwrite=overwrite)
     missing: OccludeError | None = None
     try:
-        smoke_test(plans[0][0].recipe, require_gpu)
+        smoke_test(plans[0][0].config, require_gpu)
     except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
         missing = error
     for each in plans:

@@ -60,12 +60,12 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
         )
     n = counts.get("meshes_without_windows")
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
-        names = ", ".join(document["options"]["scanning"]["transparent"])
+        names = ", ".join(document["options"]["scan"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
     if n := counts["views_that_see_nothing"]:
         yield f"{counted(n, 'view')} without a cloud: nothing of the object is visible, or returns"
     if n := counts.get("scans_of_too_few_points"):
-        least = document["options"]["scanning"]["least_points"]
+        least = document["options"]["scan"]["least_points"]
         yield (
             f"{counted(n, 'scan')} of {counts['clouds'] + n} left out: fewer than {least} distinct points "
             "(--least-points 0 keeps them)"
@@ -73,7 +73,7 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     if n := counts.get(f"clouds_of_fewer_than_{FEW}_distinct_points"):
         total = counts["clouds"]
         yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"
-    yield from cut_off(document.get("cut_by_range"), document["options"].get("scanning"))
+    yield from cut_off(document.get("cut_by_range"), document["options"].get("scan"))
     if n := counts.get("cameras_raised_above_the_ground"):
         yield f"warning: {counted(n, 'camera')} would be below the ground, and stand on it. Choose --views from above."
     if n := counts.get("views_inside_the_bounding_box"):
@@ -87,11 +87,11 @@ def named(what: str, reasons: Mapping[str, str]) -> list[str]:
     return [f"{counted(len(reasons), 'mesh', 'meshes')} {what}:", *lines] if reasons else []
 
 
-def cut_off(cut: Mapping[str, Any] | None, scanning: Mapping[str, Any] | None) -> Iterator[str]:
+def cut_off(cut: Mapping[str, Any] | None, scan: Mapping[str, Any] | None) -> Iterator[str]:
     """Yield warnings of objects beyond the range of their sensor, with the range that suffices."""
-    if not cut or not scanning:
+    if not cut or not scan:
         return
-    sensor, given = scanning["sensor"]["name"], scanning["sensor"]["noise_model"]
+    sensor, given = scan["sensor"]["name"], scan["sensor"]["noise_model"]
     least, most = given.get("range_min", 0.0), given.get("range_max", math.inf)
     if cut["too_near"]:
         clear = math.ceil(100.0 * cut["clear_range"]) / 100.0
@@ -246,16 +246,16 @@ def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
 
 def format_plan(plan: Plan, out: Path) -> str:
     """Return a summary of a plan."""
-    recipe = plan.recipe
+    config = plan.config
     free = shutil.disk_usage(nearest(out)).free
-    how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
-    how = "complete" if recipe.complete else how
-    if recipe.setup is not None:
-        how = f"scanned by {recipe.setup.sensor_model.name}, rays {how}, scene {recipe.setup.scene}"
-    points = counted(recipe.sample_size, "point") if recipe.sample_size else "all visible points"
+    how = f"by {config.method}" + (f", because {config.reason}" if config.reason else "")
+    how = "complete" if config.complete else how
+    if config.scan is not None:
+        how = f"scanned by {config.scan.sensor.name}, rays {how}, scene {config.scan.scene}"
+    points = counted(config.sample_size, "point") if config.sample_size else "all visible points"
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
-        f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
+        f"{counted(config.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
         f"{points} in {counted(len(plan.shards), 'shard')}, "
         f"{how}\n"
         f"into {out} ({human(free, UNITS)} free)\n"

@@ -14,7 +14,7 @@ from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import cut_off
-from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options, size_of_files
+from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_scan, scan_options, size_of_files
 from zbuf_occlude.cli.shared_options import (
     MeshPlace,
     angle_options,
@@ -30,9 +30,9 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
+from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material
 from zbuf_occlude.sensors.scenes.contents import Pool
-from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.views import from_angles
 
 
@@ -84,37 +84,36 @@ def scan_command(
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
     options["size"] = size_of_files(click.get_current_context(), options["size"])
-    setup = parse_setup(method or default_caster(), options)
-    assert setup is not None
-    if setup.height is not None and explicitly_set(click.get_current_context(), ("elevation",)):
+    scan = parse_scan(method or default_caster(), options)
+    if scan.height is not None and explicitly_set(click.get_current_context(), ("elevation",)):
         raise click.UsageError("--elevation is for cameras; the height of a LiDAR above the ground is --sensor-height.")
-    collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(setup.transparent))
-    check_sizes(setup, collection)
+    collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(scan.transparent))
+    check_sizes(scan, collection)
     warn_of_lying(collection[:1], up)
-    capture, size, centre = scan_once(collection, setup, azimuth, elevation, seed)
-    check_returns(capture, setup, size)
+    capture, size, centre = scan_once(collection, scan, azimuth, elevation, seed)
+    check_returns(capture, scan, size)
     found = replace(capture.scan, origin=capture.scan.origin + centre)
-    found.save(out, keep_clean=setup.keep_clean)
+    found.save(out, keep_clean=scan.keep_clean)
     hidden = ""
-    if setup.share is not None or setup.objects:
+    if scan.share is not None or scan.objects:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (the requested share could not be reached)"
-    echo(f"{len(found)} returns by {setup.sensor_model.name}, rays by {setup.method}{hidden}: {out}")
-    lengths = lengths_of(setup, unit) or f"in {unit}"
+    echo(f"{len(found)} returns by {scan.sensor.name}, rays by {scan.method}{hidden}: {out}")
+    lengths = lengths_of(scan, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
-    for warning in cut_off(QualityCounts.of_cut(*capture.cut).cut, setup.to_dict()):
+    for warning in cut_off(QualityCounts.of_cut(*capture.cut).cut, scan.to_dict()):
         echo(warning, err=True)
     if picture is not None:
-        draw_scan(picture, found, setup.sensor_model)
+        draw_scan(picture, found, scan.sensor)
 
 
-def check_returns(capture: Capture, setup: ScanConfig, size: float) -> None:
+def check_returns(capture: Capture, scan: ScanConfig, size: float) -> None:
     """Raise MeshError where a scan has no return: with the reason, and what to do."""
     if len(capture.scan):
         return
-    sensor, is_of_all = setup.sensor_model, setup.keep == "all"
-    why = why_empty(capture, sensor, setup.method, is_of_all)
+    is_of_all = scan.keep == "all"
+    why = why_empty(capture, scan.sensor, scan.method, is_of_all)
     away = float(np.linalg.norm(capture.pose[:3, 3]))
     raise MeshError(
         f"nothing of the {'scene' if is_of_all else 'object'} returns: {why.reason}. The object is {size:.4g} m long "
@@ -123,7 +122,7 @@ def check_returns(capture: Capture, setup: ScanConfig, size: float) -> None:
 
 
 def scan_once(
-    collection: MeshCollection, setup: ScanConfig, azimuth: float, elevation: float, seed: int
+    collection: MeshCollection, scan: ScanConfig, azimuth: float, elevation: float, seed: int
 ) -> tuple[Capture, float, FloatArray]:
     """Return the capture of a collection's first mesh, its longest side in metres, and its centre (3,) in the file.
 
@@ -133,7 +132,7 @@ def scan_once(
     first = collection[0]
     with Limits().watch():
         loaded = first.load()
-    mesh, size = in_metres(loaded, first.label, setup)
+    mesh, size = in_metres(loaded, first.label, scan)
 
     def seeds(what: str, view: int) -> np.random.SeedSequence:
         return seed_of(seed, f"{first.key}/{what}", 0, view)
@@ -141,14 +140,14 @@ def scan_once(
     views = from_angles(azimuth, elevation)
     floor = float(mesh.bounds[0, 2])
     try:
-        places = sensor_views(views, size, floor, setup, seeds)
+        places = sensor_views(views, size, floor, scan, seeds)
     except MeshError as error:  # the range given is within the object
         raise OptionError(str(error)) from None
-    pool = Pool(collection[1:], setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
-    capture = next(captures(mesh, setup, places, floor, seeds, pool))
-    if setup.transparent and capture.scene.transmittance is None:
+    pool = Pool(collection[1:], scan.size, scan.scene, seed_of(seed, "pool"), scan.transparent)
+    capture = next(captures(mesh, scan, places, floor, seeds, pool))
+    if scan.transparent and capture.scene.transmittance is None:
         raise OptionError(no_transparent_material("--transparent", loaded))
-    if n_raised(views, places, setup):
+    if n_raised(views, places, scan):
         echo("warning: the camera would be below the ground and was placed on it. Raise --elevation.", err=True)
     return capture, size, loaded.centre
 

@@ -17,12 +17,12 @@ from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.datasets.auto import AUTO
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
-from zbuf_occlude.sensors import Sensor, read_trajectory
+from zbuf_occlude.sensors import Motion, Sensor, read_trajectory
+from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import read_scene, with_checksums
 from zbuf_occlude.sensors.scenes.kinds import KINDS
 from zbuf_occlude.sensors.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
-from zbuf_occlude.sensors.setup import SURFACE, ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 
@@ -140,9 +140,7 @@ def size_of_files(context: click.Context, size: str | None) -> str | None:
 
 
 def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> ScanConfig | None:
-    """Remove `least_points` and the options of `scan_options` from a command's options; return the setup.
-
-    None is returned without a sensor.
+    """Remove the options of scans from a command's options; return them as a `ScanConfig`, None without a sensor.
 
     `sampled` is True for formats that hold complete clouds too. Otherwise options of sampling are refused for a sensor.
     """
@@ -151,12 +149,15 @@ def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled
         if least_points is not None:
             raise OptionError("--least-points is for scans; give --sensor NAME.")
         preset = {name for name in taken if context.get_parameter_source(name) is ParameterSource.DEFAULT_MAP}
-        return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # options of the preset's sensor
+        for name in SCAN_OPTIONS[1:]:  # those of the preset are its sensor's
+            if name not in preset and taken[name] not in (None, False, "", (), "none", "target"):
+                raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
+        return None
     if idle := explicitly_set(context, ("settings",) if sampled else ("points", "density", "settings")):
         raise click.UsageError(f"{idle[0]} is for samples of the surface; it does not apply to a sensor. Leave it out.")
     taken["size"] = size_of_files(context, taken["size"])
-    setup = parse_setup(named_caster(context), taken)
-    return setup if setup is None or least_points is None else replace(setup, least_points=least_points)
+    scan = parse_scan(named_caster(context), taken)
+    return scan if least_points is None else replace(scan, least_points=least_points)
 
 
 def named_caster(context: click.Context) -> str:
@@ -175,49 +176,44 @@ def parse_sensor(name: str, settings: Settings) -> Sensor:
     return sensor
 
 
-def check_sizes(setup: ScanConfig | None, collection: MeshCollection) -> None:
+def check_sizes(scan: ScanConfig | None, collection: MeshCollection) -> None:
     """Raise OptionError for a size of an unknown class, or a range that lies within an object.
 
     A range that only begins within an object is reported.
     """
-    if setup is None or isinstance(setup.size, str):
+    if scan is None or isinstance(scan.size, str):
         return
     known = {*collection.classes, *SIZES, ALL}
-    if unknown := [label for label in setup.size if label not in known]:
+    if unknown := [label for label in scan.size if label not in known]:
         raise OptionError(f"--size must name classes of the meshes, {', '.join(collection.classes)}; got {unknown[0]}.")
-    sizes = {label: size_of(label, setup.size, 1.0) for label in collection.classes}
-    if setup.range is None:
+    sizes = {label: size_of(label, scan.size, 1.0) for label in collection.classes}
+    if scan.range is None:
         return
     for label, size in sizes.items():
-        if setup.range[1] <= size / 2:
-            assumed = "" if {label, "*"} & set(setup.size) else ", the default of its class"
+        if scan.range[1] <= size / 2:
+            assumed = "" if {label, "*"} & set(scan.size) else ", the default of its class"
             raise OptionError(
                 f"--range must be more than half the size of every object; class {label} has {size:g} m{assumed}, the "
-                f"range is {setup.range[1]:g} m. Raise --range, or give --size {label}=METRES, or the files' --unit."
+                f"range is {scan.range[1]:g} m. Raise --range, or give --size {label}=METRES, or the files' --unit."
             )
-    large = [f"{label} ({size / 2:g} m)" for label, size in sizes.items() if setup.range[0] <= size / 2]
+    large = [f"{label} ({size / 2:g} m)" for label, size in sizes.items() if scan.range[0] <= size / 2]
     if large:
         echo(f"the range starts at half the object's size for: {', '.join(large)}", err=True)
 
 
-def overruled(setup: ScanConfig | None, views: Views) -> Iterator[str]:
+def overruled(scan: ScanConfig | None, views: Views) -> Iterator[str]:
     """Yield a text where the elevations of views do not count: for a LiDAR mounted above the ground."""
-    if setup is None or views.rotations is not None:
+    if scan is None or views.rotations is not None:
         return
-    name = setup.sensor_model.name
-    if setup.height is not None and (np.abs(views.elevation) > 1e-9).any():
+    name = scan.sensor.name
+    if scan.height is not None and (np.abs(views.elevation) > 1e-9).any():
         n_sides = len(np.unique(np.round(np.exp(1j * views.azimuth), 9)))
         same = f"; {len(views)} views look from {n_sides} sides" if n_sides < len(views) else ""
-        yield f"{name} is mounted {setup.height:g} m above the ground: elevations of --views do not count{same}"
+        yield f"{name} is mounted {scan.height:g} m above the ground: elevations of --views do not count{same}"
 
 
-def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
-    """Return the setup of the options of `scan_options`; None without a sensor, where OptionError refuses others."""
-    if options["sensor"] == SURFACE:
-        for name in SCAN_OPTIONS[1:]:
-            if options[name] not in (None, False, "", (), "none", "target"):
-                raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
-        return None
+def parse_scan(method: str, options: dict[str, Any]) -> ScanConfig:
+    """Return the options of `scan_options`, those of a sensor; raise OptionError for one that is out of range."""
     sensor = parse_sensor(options["sensor"], options["set_sensor"])
     scene, objects = options["scene"], list[dict[str, Any]]()
     transparent = dict(_material(each) for each in options["transparent"])
@@ -225,8 +221,8 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
         scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.no_motion_reason:
         echo(f"warning: moving objects stand still: {sensor.no_motion_reason}", err=True)
-    setup = ScanConfig(
-        sensor.to_dict(),
+    scan = ScanConfig(
+        sensor,
         range=options["range_"],
         size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
@@ -239,20 +235,24 @@ def parse_setup(method: str, options: dict[str, Any]) -> ScanConfig | None:
         transparent=transparent,
         motion=_motion(options),
     )
-    if setup.motion_model is not None and (said := setup.motion_model.duration_mismatch(sensor.rays())):
+    if scan.motion is not None and (said := scan.motion.duration_mismatch(sensor.rays())):
         echo(f"warning: {said}", err=True)
-    return setup
+    return scan
 
 
-def _motion(options: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the motion of the sensor as `ScanConfig.motion`; None where it stands still."""
+def _motion(options: dict[str, Any]) -> Motion | None:
+    """Return the motion of the sensor; None where it stands still."""
     if not (options["velocity"] or options["turn"] or options["trajectory"]):
         if options["deskew"]:
             raise OptionError("--deskew must go with --velocity, --turn or --trajectory.")
         return None
-    velocity, rows = list(options["velocity"] or (0.0, 0.0, 0.0)), options["trajectory"]
-    poses = None if rows is None else read_trajectory(rows).tolist()
-    return {"velocity": velocity, "turn": options["turn"], "trajectory": poses, "deskew": options["deskew"]}
+    path = options["trajectory"]
+    return Motion(
+        options["velocity"] or (0.0, 0.0, 0.0),
+        options["turn"],
+        None if path is None else read_trajectory(path),
+        options["deskew"],
+    )
 
 
 def _material(text: str) -> tuple[str, float | None]:

@@ -26,7 +26,7 @@ LARGE = 1 << 24
 PATIENCE = 10.0
 """Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
 TRIED_VIEWS, DENSE = "modelnet8", 20_000
-"""Views of a trial, and its points where the recipe gives a density."""
+"""Views of a trial, and its points where the configuration gives a density."""
 
 
 @dataclass(frozen=True)
@@ -62,25 +62,25 @@ def remark_on_renderer(method: str) -> str:
         return ""
 
 
-def resolve(recipe: DatasetConfig, meshes: MeshCollection) -> DatasetConfig:
-    """Replace the method `auto` by a choice for this machine; leave any other recipe as it is.
+def resolve(config: DatasetConfig, meshes: MeshCollection) -> DatasetConfig:
+    """Replace the method `auto` by a choice for this machine; leave any other configuration as it is.
 
     On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
     may too: name the method there. Options for a method that is not yet known are an OptionError.
     """
-    if recipe.method != AUTO:
-        return recipe
-    if recipe.method_options:
+    if config.method != AUTO:
+        return config
+    if config.method_options:
         raise OptionError(f"--set needs a named method; got --method {AUTO}. Name the one the option is of.")
-    gain, choice = gain_on_gpu(recipe, meshes), Choice("exact", "no GPU: nothing exact was measured to be faster")
+    gain, choice = gain_on_gpu(config, meshes), Choice("exact", "no GPU: nothing exact was measured to be faster")
     if gain > 1.0:
         choice = Choice("exact_gl", f"in a trial on the GPU here it was {gain:.1f} times as fast as `exact`")
     elif gain > 0.0:
         choice = Choice("exact", f"in a trial `exact_gl` on the GPU here was {gain:.1f} times as fast")
-    return replace(recipe, method=choice.method, reason=choice.reason)
+    return replace(config, method=choice.method, reason=choice.reason)
 
 
-def gain_on_gpu(recipe: DatasetConfig, meshes: MeshCollection) -> float:
+def gain_on_gpu(config: DatasetConfig, meshes: MeshCollection) -> float:
     """Return how many times as fast as `exact` `exact_gl` answers on this machine's GPU; 0 where there is none.
 
     Both are asked, after a smaller question that compiles, about the mesh of middling size of a few.
@@ -100,9 +100,9 @@ def gain_on_gpu(recipe: DatasetConfig, meshes: MeshCollection) -> float:
         if not loaded:
             return 0.0
         mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
-        views = parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
+        views = parse_views(TRIED_VIEWS, distance=config.distance, seed=seed_of(0, ""))
         eyes = views.around(mesh.centre, mesh.longest_side).eyes
-        points = sample_surface(mesh, n_points=recipe.n_points or DENSE, seed=0)
+        points = sample_surface(mesh, n_points=config.n_points or DENSE, seed=0)
         seconds = {}
         for method in ("exact", "exact_gl"):
             for asked in (points.select(np.arange(100)), points):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.sensors.setup import LEAST_POINTS
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS
 
 BAD_VIEW = 0.01
 """Share of wrong answers among a view's checked points above which the view counts as bad."""

@@ -97,7 +97,7 @@ def write_contact_sheet(path: Path, source: CloudReader) -> bool:
 def _panels(record: Any, source: CloudReader) -> list[tuple[str, NDArray[np.uint32]]]:
     """Return the titles and pictures of a cloud, from top to bottom."""
     whole = _complete_cloud(record, source)
-    positions, camera, up, whole = upright(record, source.plan.recipe, whole)
+    positions, camera, up, whole = upright(record, source.plan.config, whole)
     values = record["color"] / 255.0 if "color" in record.dtype.names else None
     name, (azimuth, elevation) = source.plan.classes[record["label"][0]], np.degrees(record["view"][:2])
     none, all_points = positions[:0], np.concatenate([positions, whole])
@@ -169,7 +169,7 @@ def _written(text: str, size: int) -> tuple[str, Any]:
 
 def _towards(records: Records, source: CloudReader) -> FloatArray:
     """Return the directions (n, 3) from the targets of cameras to their eyes: the third rows of their poses."""
-    return np.asarray(records["pose"][:, 2, :3] * _sign(source.plan.recipe))
+    return np.asarray(records["pose"][:, 2, :3] * _sign(source.plan.config))
 
 
 def _telling(labels: NDArray[Any], towards: FloatArray) -> list[int]:
@@ -186,9 +186,9 @@ def _telling(labels: NDArray[Any], towards: FloatArray) -> list[int]:
 
 def _complete_cloud(record: Any, source: CloudReader) -> FloatArray:
     """Return points (m, 3) of the complete cloud of a cloud's object, in its axes; none where none is kept."""
-    if source.complete is None or source.plan.recipe.complete:
+    if source.complete is None or source.plan.config.complete:
         return np.empty((0, 3))
-    return _in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.recipe)
+    return _in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.config)
 
 
 def hidden_part(record: Any, source: CloudReader) -> FloatArray:
@@ -196,37 +196,37 @@ def hidden_part(record: Any, source: CloudReader) -> FloatArray:
 
     Where it is not kept which points are hidden, they are those of the complete cloud, or none.
     """
-    if source.block is None or source.plan.recipe.setup is not None:
+    if source.block is None or source.plan.config.scan is not None:
         return _complete_cloud(record, source)[:GHOST_POINTS]
     block = source.block(int(record["mesh_id"]), int(record["variation"]))
     hidden = np.flatnonzero(~block.mask[int(record["view_id"])])
     return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
 
 
-def _in_object_axes(record: Any, pose: FloatArray, recipe: DatasetConfig) -> FloatArray:
+def _in_object_axes(record: Any, pose: FloatArray, config: DatasetConfig) -> FloatArray:
     """Return the points (n, 3) of a record, seen with a `pose`, in the object's axes and unit."""
     positions = record["data"] / record["factor"] + record["centre"]
-    return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if recipe.frame == "camera" else positions)
+    return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if config.frame == "camera" else positions)
 
 
 def upright(
-    cloud: Any, recipe: DatasetConfig, others: FloatArray
+    cloud: Any, config: DatasetConfig, others: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return a cloud, its camera's position and up, and `others`: in the object's axes, centred, longest side 1.
 
     Centre and longest side are those of all points together.
     """
-    pose, positions = cloud["pose"], _in_object_axes(cloud, cloud["pose"], recipe)
+    pose, positions = cloud["pose"], _in_object_axes(cloud, cloud["pose"], config)
     together = np.concatenate([positions, others])
     low, high = together.min(axis=0), together.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
-    eye, up = -pose[:3, :3].T @ pose[:3, 3], pose[1, :3] * _sign(recipe)
+    eye, up = -pose[:3, :3].T @ pose[:3, 3], pose[1, :3] * _sign(config)
     return (positions - centre) / longest, (eye - centre) / longest, up, (others - centre) / longest
 
 
-def _sign(recipe: DatasetConfig) -> float:
+def _sign(config: DatasetConfig) -> float:
     """Return 1 where poses have OpenGL's y and z, -1 where they have OpenCV's."""
-    return 1.0 if recipe.axes == "opengl" else -1.0
+    return 1.0 if config.axes == "opengl" else -1.0
 
 
 def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], folder: Path) -> None:
@@ -278,13 +278,13 @@ def _far_apart(records: Records, towards: FloatArray) -> Records:
 
 
 def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> dict[str, Any]:
-    recipe = source.plan.recipe
-    positions, eye, _, ghost = upright(record, recipe, hidden_part(record, source))
+    config = source.plan.config
+    positions, eye, _, ghost = upright(record, config, hidden_part(record, source))
     positions, normals = positions[:POINTS], None
     farthest = float(np.linalg.norm(np.concatenate([positions, ghost]), axis=1).max()) or 1.0
     line = np.linspace(0.72, 1.0, 24)[:, None] * farthest * (eye / max(float(np.linalg.norm(eye)), 1e-9))
-    if "normals" in recipe.attributes and "normal" in record.dtype.names:
-        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if recipe.frame == "camera" else np.eye(3))
+    if "normals" in config.attributes and "normal" in record.dtype.names:
+        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if config.frame == "camera" else np.eye(3))
         normals = np.concatenate([normals, np.zeros((len(ghost) + len(line), 3))])
     codes = np.repeat([0, 1, 2], [len(positions), len(ghost), len(line)])
     azimuth, elevation = np.degrees(record["view"][:2])
@@ -309,7 +309,7 @@ def _packed(record: Any, source: CloudReader, colour: tuple[int, int, int]) -> d
 
 def _seen(n_visible: int, visible_fraction: float, source: CloudReader) -> str:
     """Return a text on what a camera sees, or what a sensor measures, of its object."""
-    if source.plan.recipe.setup is None:
+    if source.plan.config.scan is None:
         return f"it sees {n_visible:,} points, {visible_fraction:.1%} of the object's"
     return f"it measures {n_visible:,} points; others hide {1.0 - visible_fraction:.1%} of the object"
 

@@ -55,7 +55,7 @@ class GenerateTask:
     @property
     def needs_gl(self) -> bool:
         """True where the method renders."""
-        return find_method(self.plan.recipe.method).needs_gl
+        return find_method(self.plan.config.method).needs_gl
 
     def do(
         self,
@@ -227,12 +227,12 @@ def finish(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
 
 def _nothing_made(plan: Plan, whole: ShardReport) -> str:
     """Return why there is no cloud, and what to do."""
-    setup = plan.recipe.setup
+    scan = plan.config.scan
     if whole.failures:
         why = next(iter(whole.failures.values()))
     else:
         blank = next(iter(whole.blank.values()))
-        why = f"{blank.said}. Choose other --views" + (", --range or --size." if setup else ".")
+        why = f"{blank.said}. Choose other --views" + (", --range or --size." if scan else ".")
     return f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: {why}"
 
 
@@ -249,9 +249,9 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
     counts = whole.counts
     return {
         "fingerprint": plan.fingerprint,
-        "seed": plan.recipe.seed,
+        "seed": plan.config.seed,
         "format": plan.format,
-        "options": plan.recipe.to_dict(),
+        "options": plan.config.to_dict(),
         "versions": versions(),
         "renderer": ", ".join(whole.renderers) or "none",
         "renderer_remark": next(filter(None, map(explain_software_fallback, whole.renderers)), ""),
@@ -261,7 +261,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
             "meshes": len(plan.meshes),
             "meshes_failed": len(whole.failures),
             "views": len(plan.views),
-            "variations": plan.recipe.variations,
+            "variations": plan.config.variations,
             "clouds": counts.n_clouds,
             "clouds_by_split": {split: n for split in plan.splits if (n := whole.n_clouds[split])},
             "views_that_see_nothing": counts.n_blind_views,

@@ -203,17 +203,17 @@ class Shard:
         if not isinstance(points, ScanPoints):
             seen = pack_mask(mask)
         else:
-            seen = pack_places(views) if self._plan.recipe.complete else pack_scans(points, mask, views)
+            seen = pack_places(views) if self._plan.config.complete else pack_scans(points, mask, views)
         return points, seen, np.flatnonzero(~mask.any(axis=1)).tolist()
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[tuple[SurfacePoints, bytes, list[int]]]) -> None:
         """Add all samplings of a mesh."""
-        entry, recipe = self._plan.meshes[mesh_id], self._plan.recipe
+        entry, config = self._plan.meshes[mesh_id], self._plan.config
         kind, samples = "visible", [points for points, _, _ in kept]
-        if recipe.setup is not None:
-            kind = "places" if recipe.complete else "scans"
-            samples = [standing_points(mesh, entry.label, recipe, entry.key, i) for i in range(len(kept))]
-            mesh, _ = in_metres(mesh, entry.label, recipe.setup)
+        if config.scan is not None:
+            kind = "places" if config.complete else "scans"
+            samples = [standing_points(mesh, entry.label, config, config.scan, entry.key, i) for i in range(len(kept))]
+            mesh, _ = in_metres(mesh, entry.label, config.scan)
         grid = Quantizer.of_box(mesh.bounds)
         facts = {
             "key": entry.key,
@@ -232,10 +232,10 @@ class Shard:
             self._members.append((f"{name}.steps", pack_integers(grid.quantize(points.positions))))
             self._members.append((f"{name}.faces", pack_integers(points.face_ids)))
             self._members.append((f"{name}.{kind}", seen))
-            if "normals" in recipe.attributes:
+            if "normals" in config.attributes:
                 bits = points.normals.astype("<f4").view("<i4")  # whose differences are none along a face
                 self._members.append((f"{name}.normals", pack_integers(bits)))
-            if "colors" in recipe.attributes:
+            if "colors" in config.attributes:
                 self._members.append((f"{name}.colors", pack_integers(colors_of(points))))
 
     def write(self, out: Path, shard: int) -> list[FileDigest]:
@@ -335,15 +335,15 @@ class PackedFiles:
 
     def take(self, numbers: Numbers) -> Records:
         """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""
-        recipe = self.plan.recipe
-        records = np.empty(len(numbers), record_type(recipe))
+        config = self.plan.config
+        records = np.empty(len(numbers), record_type(config))
         places = np.array([self.place(number) for number in numbers]).reshape(-1, 2)
         for index in np.unique(places[:, 0]):
             rows = np.flatnonzero(places[:, 0] == index)
             mesh_id, variation = self.blocks[index]
             entry, block, views = self.plan.meshes[mesh_id], self.block(index), places[rows, 1]
-            points, mask = (block.whole, _everything(block)) if recipe.complete else (block.points, block.mask)
-            found = gather_clouds(points, mask, block.views, recipe, entry.key, variation, which=views)
+            points, mask = (block.whole, _everything(block)) if config.complete else (block.points, block.mask)
+            found = gather_clouds(points, mask, block.views, config, entry.key, variation, which=views)
             found["mesh_id"], found["label"] = mesh_id, self.plan.classes.index(entry.label)
             records[rows] = found
         return records
@@ -353,26 +353,26 @@ class PackedFiles:
 
         In the camera's frame it is that of the record; else all clouds of an object have one.
         """
-        recipe = replace(self.plan.recipe, sample_size=n_points, complete=True)
+        config = replace(self.plan.config, sample_size=n_points, complete=True)
         mesh_id, view = int(partial["mesh_id"]), 0
         entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
         key, everything, views = entry.key + "/complete", _everything(block), block.views
-        if recipe.frame == "camera":
+        if config.frame == "camera":
             view = int(partial["view_id"])
             views = self.block(self.blocks.index((mesh_id, int(partial["variation"])))).views
-        (record,) = gather_clouds(block.whole, everything, views, recipe, key, 0, which=[view])
+        (record,) = gather_clouds(block.whole, everything, views, config, key, 0, which=[view])
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
     def _unpack(self, index: int) -> StoredSampling:
         mesh_id, variation = self.blocks[index]
-        facts, path, recipe = self._facts[mesh_id], self._path_of[mesh_id], self.plan.recipe
+        facts, path, config = self._facts[mesh_id], self._path_of[mesh_id], self.plan.config
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
         with reading(path):
             archive = self._archive(path)
             steps, faces = archive.read(f"{name}.steps"), archive.read(f"{name}.faces")
-            more = {kind: archive.read(f"{name}.{kind}") for kind in recipe.attributes}
-            kind = "visible" if recipe.setup is None else "scans"
+            more = {kind: archive.read(f"{name}.{kind}") for kind in config.attributes}
+            kind = "visible" if config.scan is None else "scans"
             if kind == "scans" and f"{name}.places" in archive.namelist():
                 kind = "places"
             held = archive.read(f"{name}.{kind}")
@@ -388,7 +388,7 @@ class PackedFiles:
         if "colors" in more:
             colors = unpack_integers(more["colors"], "|u1", (n_points, 3), "colours")
         face_ids = unpack_integers(faces, "<i4", (n_points,), "face ids")
-        if recipe.setup is not None:
+        if config.scan is not None:
             size = {"size": np.array([facts["longest_side"]])}
             whole = ScanPoints(positions, face_ids, normals, colors, facts=size)
             if places is not None:
@@ -512,7 +512,7 @@ class PackedDataset(Sequence[PackedCloud]):
         return PackedCloud(
             points.positions[seen],
             points.face_ids[seen],
-            points.normals[seen] if "normals" in self.archives.plan.recipe.attributes else None,
+            points.normals[seen] if "normals" in self.archives.plan.config.attributes else None,
             None if points.colors is None else points.colors[seen],
             self.classes.index(entry.label),
             entry.key,

@@ -24,8 +24,8 @@ from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captur
 from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.returns import SCAN_COLUMNS, Scan
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.scene import Scene
-from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, contact_advice
@@ -63,34 +63,34 @@ class Sampling(NamedTuple):
 def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
     """Yield the samplings, or the scans, of a mesh, variation by variation.
 
-    All randomness comes from the mesh's key and the recipe's seed.
+    All randomness comes from the mesh's key and the configuration's seed.
     """
-    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
-    if setup is not None:
-        return _scan(mesh, entry.label, setup, plan, entry.key)
-    return _occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
+    entry, scan = plan.meshes[mesh_id], plan.config.scan
+    if scan is not None:
+        return _scan(mesh, entry.label, scan, plan, entry.key)
+    return _occlude(mesh, plan.config, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
 
 
-def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
+def _occlude(mesh: Mesh, config: DatasetConfig, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
     views = views.around(mesh.centre, mesh.longest_side)
     with ExitStack() as stack:
         occluder, renderer = None, "none"
-        if not recipe.complete:
-            options = dict(recipe.method_options or {})
+        if not config.complete:
+            options = dict(config.method_options or {})
             # the manifest counts views inside the mesh and meshes with far faces
-            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, warn=False, **options))
+            occluder = stack.enter_context(prepare(mesh, config.method, gl=gl, warn=False, **options))
             renderer = occluder.renderer
-        for variation in range(recipe.variations):
-            points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), QualityCounts()
+        for variation in range(config.variations):
+            points, counts = sample(mesh, config, seed_of(config.seed, key, variation)), QualityCounts()
             if occluder is None:
                 mask = np.ones((len(views), len(points)), dtype=bool)
             else:
                 mask = occluder.visible(points, views.eyes)
-                rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
+                rng = np.random.default_rng(seed_of(config.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
                     counts += QualityCounts(n_inside=int(mesh.in_box(views.eyes).sum()))
-            if views.fov_bounds is not None and not recipe.complete:
+            if views.fov_bounds is not None and not config.complete:
                 mask = mask & views.in_frustum(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
             n_distinct, blank = n_visible.copy(), dict[int, str]()
@@ -99,10 +99,10 @@ def _occlude(mesh: Mesh, recipe: DatasetConfig, views: Views, key: str, gl: Any,
                 if n_distinct[view] < 2:
                     blank[view] = "it sees none of the points" if n_visible[view] == 0 else IN_ONE_PLACE
                     mask[view], n_visible[view] = False, 0
-            yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, recipe), renderer, blank)
+            yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, config), renderer, blank)
 
 
-def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], recipe: DatasetConfig) -> QualityCounts:
+def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], config: DatasetConfig) -> QualityCounts:
     """Count the clouds of views that see `n_visible` (k,) points in `n_distinct` places (k,), or in `FEW` and more.
 
     Views without a cloud have 0 visible points, those left out for too few points more than one place.
@@ -112,7 +112,7 @@ def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], reci
         n_clouds=int((n_visible > 0).sum()),
         n_blind_views=int(((n_visible == 0) & ~sparse).sum()),
         n_sparse=int(sparse.sum()),
-        n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
+        n_with_repeats=int(((n_visible > 0) & (n_visible < (config.sample_size or 0))).sum()),
         n_few=int(((n_visible > 0) & (n_distinct < FEW)).sum()),
     )
 
@@ -124,38 +124,38 @@ def count_distinct(positions: FloatArray, enough: int = FEW) -> int:
     return first if first >= enough or len(positions) <= 4 * enough else len(np.unique(positions, axis=0))
 
 
-def why_no_cloud(capture: Capture, setup: ScanConfig, places: Views, view: int, n_distinct: int) -> str:
+def why_no_cloud(capture: Capture, scan: ScanConfig, places: Views, view: int, n_distinct: int) -> str:
     """Return why a scan of `n_distinct` distinct points, too few of them, gives no cloud."""
     if n_distinct > 1:
-        return f"only {n_distinct} distinct points, fewer than --least-points {setup.least_points}"
+        return f"only {n_distinct} distinct points, fewer than --least-points {scan.least_points}"
     if n_distinct == 1:
         return IN_ONE_PLACE
-    return why_empty(capture, setup.sensor_of(places, view), setup.method, setup.keep == "all").reason
+    return why_empty(capture, scan.sensor_of(places, view), scan.method, scan.keep == "all").reason
 
 
-def sample(mesh: Mesh, recipe: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:
+def sample(mesh: Mesh, config: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:
     """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
 
     The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory,
     which makes every method fast and packed datasets small. (The order within a cloud is random all the same.)
     """
-    if recipe.density is None:
-        points = sample_surface(mesh, n_points=recipe.n_points, seed=seed)
+    if config.density is None:
+        points = sample_surface(mesh, n_points=config.n_points, seed=seed)
     else:
-        points = sample_surface(mesh, density=recipe.density / mesh.longest_side**2, seed=seed)
+        points = sample_surface(mesh, density=config.density / mesh.longest_side**2, seed=seed)
         if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
             points = sample_surface(mesh, n_points=1, seed=seed)
     return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
 
 
-def count_mesh(mesh: Mesh, recipe: DatasetConfig) -> QualityCounts:
+def count_mesh(mesh: Mesh, config: DatasetConfig) -> QualityCounts:
     """Count dropped faces, far faces, and missing colours or windows; the log names them."""
-    lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
+    lacking = "colors" in config.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
-    shares = {} if recipe.setup is None else recipe.setup.transparent
+    shares = {} if config.scan is None else config.scan.transparent
     opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).transmittance.any())
-    keeps_contact = recipe.setup is None and not recipe.complete and "contact" not in (recipe.method_options or {})
+    keeps_contact = config.scan is None and not config.complete and "contact" not in (config.method_options or {})
     far = far_faces(mesh) if keeps_contact else None
     if far is not None:
         _LOG.warning("%s. %s", far.summary(mesh), contact_advice(far, mesh))
@@ -199,96 +199,96 @@ def check(
     )
 
 
-def _scan(mesh: Mesh, label: str, setup: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
+def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
     """Yield the scans of a mesh; for complete clouds the whole object, without a scan.
 
     A checked pair (`QualityCounts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
     """
-    recipe = plan.recipe
-    standing, size = in_metres(mesh, label, setup)
+    config = plan.config
+    standing, size = in_metres(mesh, label, scan)
     floor = float(standing.bounds[0, 2])
-    for variation in range(recipe.variations):
-        seeds = partial(_seed, recipe.seed, key, variation)
-        places = _places(mesh, size, floor, setup, plan, key, seeds)
-        raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, setup))
-        if recipe.complete:
-            whole = standing_points(mesh, label, recipe, key, variation)
+    for variation in range(config.variations):
+        seeds = partial(_seed, config.seed, key, variation)
+        places = _places(mesh, size, floor, scan, plan, key, seeds)
+        raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, scan))
+        if config.complete:
+            whole = standing_points(mesh, label, config, scan, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)
             n_visible = mask.sum(axis=1)
-            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, recipe), "none")
+            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, config), "none")
             continue
-        rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
+        rng = np.random.default_rng(seed_of(config.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
         found, counts, renderer, blank = list[tuple[Scan, dict[str, Any]]](), raised, "none", dict[int, str]()
         n_distinct = np.empty(len(places), np.intp)
-        for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
+        for number, capture in enumerate(captures(standing, scan, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer
             if number in checked and len(capture.scan):
                 counts += _check_rays(capture, rng, key, variation, number)
             facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
-            facts |= _boxes(capture, label, recipe)
-            scan = capture.scan
+            facts |= _boxes(capture, label, config)
+            kept = capture.scan
             counts += QualityCounts.of_cut(*capture.cut)
-            n_distinct[number] = count_distinct(scan.positions, setup.least_points)
-            if n_distinct[number] < max(2, setup.least_points):
-                blank[number] = why_no_cloud(capture, setup, places, number, int(n_distinct[number]))
-                scan = scan.select(np.empty(0, np.intp))
-            found.append((scan, facts))
-        scans = [scan for scan, _ in found]
-        face_ids = np.concatenate([np.where(scan.instances == 0, scan.face_ids, -1) for scan in scans])
+            n_distinct[number] = count_distinct(kept.positions, scan.least_points)
+            if n_distinct[number] < max(2, scan.least_points):
+                blank[number] = why_no_cloud(capture, scan, places, number, int(n_distinct[number]))
+                kept = kept.select(np.empty(0, np.intp))
+            found.append((kept, facts))
+        scans = [each for each, _ in found]
+        face_ids = np.concatenate([np.where(each.instances == 0, each.face_ids, -1) for each in scans])
         points = ScanPoints(
-            np.concatenate([scan.positions for scan in scans]),
+            np.concatenate([each.positions for each in scans]),
             face_ids,
-            np.concatenate([scan.normals for scan in scans]),
+            np.concatenate([each.normals for each in scans]),
             columns={
-                name: np.concatenate([_column(name, scan, mesh, standing) for scan in scans])
-                for name in further_fields(recipe)
+                name: np.concatenate([_column(name, each, mesh, standing) for each in scans])
+                for name in further_fields(config)
             },
             facts={name: np.array([facts[name] for _, facts in found]) for name in found[0][1]},
         )
-        lengths = np.array([len(scan) for scan in scans])
+        lengths = np.array([len(each) for each in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
-        counts += count_clouds(lengths, n_distinct, recipe)
+        counts += count_clouds(lengths, n_distinct, config)
         counts += QualityCounts(n_inside=int(standing.in_box(places.eyes).sum()))
         yield Sampling(points, mask, places, counts, renderer, blank)
 
 
-def _places(mesh: Mesh, size: float, floor: float, setup: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
+def _places(mesh: Mesh, size: float, floor: float, scan: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
     """Return the positions of the sensor about a mesh that is `size` metres long."""
     views = plan.views_of(key)
     if views.rotations is not None:  # cameras of a file, which stand where the mesh is
         eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
         views = Views.from_cameras(eyes, views.rotations, views.fov_bounds, sizes=views.sizes)
-    return sensor_views(views, size, floor, setup, seeds)
+    return sensor_views(views, size, floor, scan, seeds)
 
 
-def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
+def scanned_scenes(plan: Plan, scan: ScanConfig, mesh_id: int, variation: int) -> Iterator[Scene]:
     """Yield the whole scene that each view of a variation of a mesh scans; MeshError where its file has changed."""
-    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
-    assert setup is not None
+    entry = plan.meshes[mesh_id]
     mesh = entry.load()
-    standing, size = in_metres(mesh, entry.label, setup)
-    floor, seeds = float(standing.bounds[0, 2]), partial(_seed, plan.recipe.seed, entry.key, variation)
-    places = _places(mesh, size, floor, setup, plan, entry.key, seeds)
-    return captured_scenes(standing, setup, places, floor, seeds, plan.pool)
+    standing, size = in_metres(mesh, entry.label, scan)
+    floor, seeds = float(standing.bounds[0, 2]), partial(_seed, plan.config.seed, entry.key, variation)
+    places = _places(mesh, size, floor, scan, plan, entry.key, seeds)
+    return captured_scenes(standing, scan, places, floor, seeds, plan.pool)
 
 
-def _boxes(capture: Capture, label: str, recipe: DatasetConfig) -> dict[str, Any]:
+def _boxes(capture: Capture, label: str, config: DatasetConfig) -> dict[str, Any]:
     """Return the fields of the attribute boxes; `label` is the target's."""
-    if BOXES not in recipe.attributes or recipe.setup is None:
+    if BOXES not in config.attributes or config.scan is None:
         return {}
-    boxes = np.zeros(recipe.setup.most_objects, BOX)
+    boxes = np.zeros(config.scan.most_objects, BOX)
     boxes[: len(capture.scene.placed)], picture = boxes_of(capture.scene, capture.occluder, capture.pose, capture.scan)
     boxes["label"][0] = as_label(label)
     return {"boxes": boxes, "picture": picture}
 
 
-def standing_points(mesh: Mesh, label: str, recipe: DatasetConfig, key: str, variation: int) -> ScanPoints:
+def standing_points(
+    mesh: Mesh, label: str, config: DatasetConfig, scan: ScanConfig, key: str, variation: int
+) -> ScanPoints:
     """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
-    assert recipe.setup is not None
-    points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
-    _, size = in_metres(mesh, label, recipe.setup)
+    points = sample(mesh, config, seed_of(config.seed, key, variation))
+    _, size = in_metres(mesh, label, scan)
     positions = (points.positions - mesh.centre) * (size / mesh.longest_side)
     return ScanPoints(positions, points.face_ids, points.normals, points.colors, facts={"size": np.array([size])})
 

@@ -12,7 +12,7 @@ import math
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -27,8 +27,8 @@ from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.meshes.sampling import MAX_POINTS
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.contents import Pool, surroundings
-from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_random
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.views.model import AXES, with_axes
@@ -133,9 +133,9 @@ class DatasetConfig:
         Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked,
-        and no sensor scans: with `scanning` the whole object stands before the sensor, in metres.
-    scanning : mapping or None
-        The fields of a `zbuf_occlude.sensors.setup.ScanConfig`: a sensor's first hits instead of points on the surface.
+        and no sensor scans: with `scan` the whole object stands before the sensor, in metres.
+    scan : ScanConfig or None
+        A sensor's first hits instead of points on the surface.
     split : (float, float, float) or None
         Statement of the shares by which the meshes were divided into train, val and test (`MeshCollection.divided`);
         None: they have the collection's own splits.
@@ -167,7 +167,7 @@ class DatasetConfig:
     axes: str = "opengl"
     attributes: Sequence[str] = ()
     complete: bool = False
-    scanning: Mapping[str, Any] | None = None
+    scan: ScanConfig | None = None
     split: Sequence[float] | None = None
     overlap: Sequence[float] | None = None
     seed: int = 0
@@ -197,17 +197,8 @@ class DatasetConfig:
             raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
         for name in self.attributes:
             check_choice("attribute", name, (*ATTRIBUTES, BOXES))
-        if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
-            setup = self.setup
-            given = "no --sensor" if setup is None else f"--sensor {setup.sensor_model.name} --scene {setup.scene}"
-            raise OptionError(
-                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}"
-                f"{f' --keep {setup.keep}' if setup else ''}. Give --sensor hdl-64e --scene street --keep all."
-            )
-        if BOXES in self.attributes and self.complete:
-            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
-        if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
-            raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
+        if BOXES in self.attributes:
+            self._check_boxes()
         if "colors" in self.attributes and (lacking := missing("PIL")):
             raise UnavailableError(f"the attribute colors {lacking}")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
@@ -217,6 +208,19 @@ class DatasetConfig:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
         object.__setattr__(self, "attributes", [name for name in (*ATTRIBUTES, BOXES) if name in self.attributes])
+
+    def _check_boxes(self) -> None:
+        scan = self.scan
+        if not (scan and scan.is_level and scan.keep == "all"):
+            given = f"--sensor {scan.sensor.name} --scene {scan.scene} --keep {scan.keep}" if scan else "no --sensor"
+            raise OptionError(
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}. Give "
+                "--sensor hdl-64e --scene street --keep all."
+            )
+        if self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
+        if scan.motion and not scan.motion.deskew:
+            raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
 
     def make_views(self, key: str = "") -> Views:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""
@@ -235,12 +239,14 @@ class DatasetConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain data."""
-        return asdict(self)
+        scan = None if self.scan is None else self.scan.to_dict()
+        return {each.name: getattr(self, each.name) for each in fields(self)} | {"scan": scan}
 
-    @cached_property
-    def setup(self) -> ScanConfig | None:
-        """The settings of scans; None where points are sampled on the surface."""
-        return None if self.scanning is None else ScanConfig(**self.scanning)
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> "DatasetConfig":
+        """Return the configuration that `to_dict` described."""
+        scan = None if document["scan"] is None else ScanConfig.from_dict(document["scan"])
+        return cls(**{**document, "scan": scan})
 
 
 class PlannedFile(NamedTuple):
@@ -259,12 +265,12 @@ class Plan:
     ----------
     meshes : MeshCollection
         In the order in which they are worked on.
-    recipe : DatasetConfig
+    config : DatasetConfig
     format : str
         Name of the format or layout of the files.
     views : Views, optional
-        Distances in longest sides, about the origin; the recipe's by default. Where each mesh has its own (`views_of`),
-        these only give their number.
+        Distances in longest sides, about the origin; `config.make_views()` by default. Where each mesh has its own
+        (`views_of`), these only give their number.
     version : int
         The version of the data.
     converted_from : mapping or None
@@ -272,7 +278,7 @@ class Plan:
     """
 
     meshes: MeshCollection
-    recipe: DatasetConfig
+    config: DatasetConfig
     format: str = "hdf5"
     views: Views = None  # type: ignore[assignment]  # set below; every Plan has views
     version: int = DATA_VERSION
@@ -280,7 +286,7 @@ class Plan:
 
     def __post_init__(self) -> None:
         if self.views is None:
-            object.__setattr__(self, "views", self.recipe.make_views())
+            object.__setattr__(self, "views", self.config.make_views())
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again."""
@@ -294,13 +300,13 @@ class Plan:
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
-        differ = self.recipe.farthest is not None or is_random(self.recipe.views)
-        return self.recipe.make_views(key) if differ else self.views
+        differ = self.config.farthest is not None or is_random(self.config.views)
+        return self.config.make_views(key) if differ else self.views
 
     @property
     def clouds_per_mesh(self) -> int:
         """Number of clouds of each mesh."""
-        return len(self.views) * self.recipe.variations
+        return len(self.views) * self.config.variations
 
     @property
     def n_clouds(self) -> int:
@@ -320,27 +326,27 @@ class Plan:
     @property
     def n_checked(self) -> int:
         """Number of checked pairs of view and point of each sampling of a mesh."""
-        return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
+        return -(-PAIRS_CHECKED // (len(self.meshes) * self.config.variations))
 
     @cached_property
     def _cloud_bytes(self) -> int:
         """The estimated size of a cloud."""
-        if self.recipe.setup is not None:
-            return (self.recipe.sample_size or self._n_returns) * RETURN_BYTES
-        return (self.recipe.sample_size or self._n_points) * POINT_BYTES
+        if self.config.scan is not None:
+            return (self.config.sample_size or self._n_returns) * RETURN_BYTES
+        return (self.config.sample_size or self._n_points) * POINT_BYTES
 
     @property
     def _n_points(self) -> int:
         """The estimated number of points sampled on a mesh."""
-        return self.recipe.n_points or math.ceil(AREA * (self.recipe.density or 0.0))
+        return self.config.n_points or math.ceil(AREA * (self.config.density or 0.0))
 
     @cached_property
     def _n_returns(self) -> int:
         """The estimated number of returns of a scan: one of each ray; of an object alone as many as points."""
-        setup, sizes = self.recipe.setup, self.views.sizes
-        if setup is None or setup.keep != "all":
+        scan, sizes = self.config.scan, self.views.sizes
+        if scan is None or scan.keep != "all":
             return self._n_points
-        return len(setup.sensor_model.rays()) if sizes is None else int(sizes.prod(axis=1).max())
+        return len(scan.sensor.rays()) if sizes is None else int(sizes.prod(axis=1).max())
 
     @cached_property
     def _mesh_bytes(self) -> int:
@@ -349,9 +355,9 @@ class Plan:
 
         if not find_format(self.format).keeps_points:
             return self.clouds_per_mesh * self._cloud_bytes
-        point = WHOLE_POINT_BYTES + sum(ATTRIBUTE_BYTES.get(name, 0) for name in self.recipe.attributes)
-        view = -(-self._n_points // 8) if self.recipe.setup is None else self._n_returns * WHOLE_RETURN_BYTES
-        return self.recipe.variations * (self._n_points * point + len(self.views) * view)
+        point = WHOLE_POINT_BYTES + sum(ATTRIBUTE_BYTES.get(name, 0) for name in self.config.attributes)
+        view = -(-self._n_points // 8) if self.config.scan is None else self._n_returns * WHOLE_RETURN_BYTES
+        return self.config.variations * (self._n_points * point + len(self.views) * view)
 
     @property
     def clouds_per_file(self) -> int:
@@ -370,7 +376,7 @@ class Plan:
         """Mesh indices of each shard, all of one split."""
         found: list[NDArray[np.int32]] = []
         for split in np.unique(self.split_of).tolist():
-            rng = np.random.default_rng(seed_of(self.recipe.seed, "shards/" + SPLITS[split]))
+            rng = np.random.default_rng(seed_of(self.config.seed, "shards/" + SPLITS[split]))
             mesh_ids = rng.permutation(np.flatnonzero(self.split_of == split).astype(np.int32))
             found += np.array_split(mesh_ids, -(-len(mesh_ids) // self.meshes_per_shard))
         return found
@@ -409,7 +415,7 @@ class Plan:
         for shard in np.unique(shard_of[mesh_ids]).tolist():
             mine, of_shard = shard_of[mesh_ids] == shard, self.files_of(shard)
             n_clouds = len(self.shards[shard]) * self.clouds_per_mesh
-            found, n_rows = _shuffled(self.recipe.seed, shard, n_clouds)[numbers[mine]], -(-n_clouds // len(of_shard))
+            found, n_rows = _shuffled(self.config.seed, shard, n_clouds)[numbers[mine]], -(-n_clouds // len(of_shard))
             files[mine], rows[mine] = of_shard.start + found // n_rows, found % n_rows
         return files, rows
 
@@ -424,15 +430,15 @@ class Plan:
     @cached_property
     def pool(self) -> Pool:
         """Objects that fill scenes; the same in every worker."""
-        setup = self.recipe.setup
-        given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
-        return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
+        scan = self.config.scan
+        given = ({}, "none", {}) if scan is None else (scan.size, scan.scene, scan.transparent)
+        return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.config.seed, "pool"), given[2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the plan as plain data, for plan.json: the recipe, the positions and every mesh."""
+        """Return the plan as plain data, for plan.json: the config, the positions and every mesh."""
         converted = {} if self.converted_from is None else {"converted_from": dict(self.converted_from)}
         return converted | {
-            "recipe": self.recipe.to_dict(),
+            "config": self.config.to_dict(),
             "format": self.format,
             "views": self.views.to_rows().tolist(),
             "classes": self.classes,
@@ -447,15 +453,15 @@ class Plan:
             MeshEntry(key, label, split, partial(_not_loadable, key), None, up, unit)
             for key, label, split, up, unit in document["meshes"]
         ]
-        views, recipe = Views.from_rows(document["views"]), DatasetConfig(**document["recipe"])
+        views, config = Views.from_rows(document["views"]), DatasetConfig.from_dict(document["config"])
         converted_from = document.get("converted_from")
-        return cls(MeshCollection(entries), recipe, document["format"], views, document["version"], converted_from)
+        return cls(MeshCollection(entries), config, document["format"], views, document["version"], converted_from)
 
     def differences(self, theirs: Mapping[str, Any]) -> Iterator[str]:
         """Yield the differences from another plan's document, in words."""
         mine = self.to_dict()
-        for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
-            then, now = (document["recipe"].get(name) for document in (theirs, mine))
+        for name in sorted(theirs["config"].keys() | mine["config"].keys()):
+            then, now = (document["config"].get(name) for document in (theirs, mine))
             if name != "reason":
                 yield from _changed(name, then, now)
         before, after = ({key: rest for key, *rest in document["meshes"]} for document in (theirs, mine))
@@ -480,7 +486,7 @@ class Plan:
     def fingerprint(self) -> str:
         """A hash of `to_dict`, the reason left out: two runs with one fingerprint make the same dataset."""
         document = self.to_dict()
-        decisive = document | {"recipe": document["recipe"] | {"reason": ""}}
+        decisive = document | {"config": document["config"] | {"reason": ""}}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
 

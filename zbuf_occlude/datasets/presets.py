@@ -133,5 +133,5 @@ def find_preset(name: str) -> Preset:
 
 def plan_of_originals(plan: Plan) -> Plan:
     """Return the plan of the complete clouds: the same objects and points, one cloud each, nothing removed."""
-    recipe = replace(plan.recipe, views="ring:1@0", variations=1, complete=True)
-    return Plan(plan.meshes, recipe, plan.format)
+    config = replace(plan.config, views="ring:1@0", variations=1, complete=True)
+    return Plan(plan.meshes, config, plan.format)

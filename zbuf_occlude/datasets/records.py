@@ -53,7 +53,7 @@ class ScanPoints(SurfacePoints):
     facts: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
-def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
+def record_type(config: DatasetConfig) -> np.dtype[Any]:
     """Return the type of a cloud's record; the fields become the datasets of the HDF5 file.
 
     data : (sample_size, 3) float32, ``(p - centre) * factor`` for the visible points p in the chosen frame
@@ -61,7 +61,7 @@ def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
     face_ids : (sample_size,) int32, the face each point lies on
     mesh_id, variation, view_id : int32
     view : (3,) float32, azimuth and elevation in radians, distance in world units
-    pose : (4, 4) float64, world space to the camera's frame, with the axes of the recipe
+    pose : (4, 4) float64, world space to the camera's frame, with the configured axes
     centre : (3,) float64; factor : float64
     n_visible : int32, visible points before the subset was drawn
     visible_fraction : float32, of the object's points; of a scan what others do not hide of the object
@@ -72,7 +72,7 @@ def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
         the face is wound where hidden points are kept too
     color : uint8, red, green and blue, sRGB
 
-    Of scans (`DatasetConfig.scanning`), positions are metres and the world's origin is the middle of the object's box;
+    Of scans (`DatasetConfig.scan`), positions are metres and the world's origin is the middle of the object's box;
     besides there are (unless complete) `SCAN_FIELDS`, a row per point, and
 
     size : float64, metres of the object's longest side
@@ -85,13 +85,13 @@ def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
     picture : (375, 1242) uint8, grey
     """
     scanned: list[tuple[Any, ...]] = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")]
-    scanned = scanned if recipe.setup and not recipe.complete else []
-    if BOXES in recipe.attributes and recipe.setup is not None:
-        scanned += [("boxes", BOX, (recipe.setup.most_objects,)), ("picture", "|u1", (HEIGHT, WIDTH))]
-    size = recipe.sample_size
+    scanned = scanned if config.scan and not config.complete else []
+    if BOXES in config.attributes and config.scan is not None:
+        scanned += [("boxes", BOX, (config.scan.most_objects,)), ("picture", "|u1", (HEIGHT, WIDTH))]
+    size = config.sample_size
     points: dict[str, tuple[Any, ...]] = {
         name: (name, object) if size is None else (name, kind, (size, *shape))
-        for name, (kind, shape) in point_fields(recipe).items()
+        for name, (kind, shape) in point_fields(config).items()
     }
     return np.dtype(
         [
@@ -111,18 +111,18 @@ def record_type(recipe: DatasetConfig) -> np.dtype[Any]:
     )
 
 
-def point_fields(recipe: DatasetConfig) -> Fields:
+def point_fields(config: DatasetConfig) -> Fields:
     """Return the fields of a record that have a row per point."""
-    return {"data": ("<f4", (3,)), "face_ids": ("<i4", ()), **further_fields(recipe)}
+    return {"data": ("<f4", (3,)), "face_ids": ("<i4", ()), **further_fields(config)}
 
 
-def further_fields(recipe: DatasetConfig) -> Fields:
+def further_fields(config: DatasetConfig) -> Fields:
     """Return the fields of a record besides data and face_ids that have a row per point."""
-    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
-    if recipe.setup is None or recipe.complete:
+    of_attributes = {name: row for each in config.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
+    if config.scan is None or config.complete:
         return of_attributes
-    one_return = recipe.setup.sensor_model.noise_model.returns != "all"
-    left_out = {"clean_range": not recipe.setup.keep_clean, "time": not recipe.setup.takes_time}
+    one_return = config.scan.sensor.noise_model.returns != "all"
+    left_out = {"clean_range": not config.scan.keep_clean, "time": not config.scan.takes_time}
     left_out |= dict.fromkeys(("return_number", "share"), one_return)
     return {name: row for name, row in SCAN_FIELDS.items() if not left_out.get(name)} | of_attributes
 
@@ -131,7 +131,7 @@ def gather_clouds(
     points: SurfacePoints,
     mask: BoolArray,
     views: Views,
-    recipe: DatasetConfig,
+    config: DatasetConfig,
     key: str,
     variation: int,
     *,
@@ -147,7 +147,7 @@ def gather_clouds(
         Visible points of each view.
     views : Views
         k views in world units.
-    recipe : DatasetConfig
+    config : DatasetConfig
     key : str
         The mesh's; decides the random subsets together with the seed, `variation` and the view.
     variation : int
@@ -160,23 +160,23 @@ def gather_clouds(
     cloud is random, as loaders that take the first n expect; farthest points are in the order in which they were found.
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
-    records = np.zeros(len(seeing), dtype=record_type(recipe))
-    poses, in_camera_frame, upright = recipe.poses_of(views), recipe.frame == "camera", np.eye(4)
-    in_scans = isinstance(points, ScanPoints) and not recipe.complete
-    whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
-    centred, factor = recipe.scale in ("cloud", "metres"), np.nan if recipe.scale == "cloud" else factor
-    size = ALL if recipe.sample_size is None else recipe.sample_size
-    seed = seed_of(recipe.seed, key, variation, 0).generate_state(1, np.uint64)[0]
+    records = np.zeros(len(seeing), dtype=record_type(config))
+    poses, in_camera_frame, upright = config.poses_of(views), config.frame == "camera", np.eye(4)
+    in_scans = isinstance(points, ScanPoints) and not config.complete
+    whole, factor = _whole(points) if config.scale == "object" else (np.zeros(3), 1.0)
+    centred, factor = config.scale in ("cloud", "metres"), np.nan if config.scale == "cloud" else factor
+    size = ALL if config.sample_size is None else config.sample_size
+    seed = seed_of(config.seed, key, variation, 0).generate_state(1, np.uint64)[0]
     records["variation"], records["view_id"], records["pose"] = variation, seeing, poses[seeing]
     records["view"] = np.stack([views.azimuth, views.elevation, views.distance], axis=1)[seeing]
     data, face_ids = records["data"], records["face_ids"]
     centres, factors, n_visible = np.empty((len(records), 3)), np.empty(len(records)), np.empty(len(records), int)
     for row, view in enumerate(seeing.tolist()):
         frame, centres[row] = (poses[view], poses[view, :3, :3] @ whole) if in_camera_frame else (upright, whole)
-        if in_camera_frame and recipe.scale == "object":
+        if in_camera_frame and config.scale == "object":
             centres[row] += poses[view, :3, 3]
         chosen, n_visible[row] = draw_visible(mask[view], size, seed, view)
-        if recipe.subset == "fps" and 0 < size < n_visible[row]:
+        if config.subset == "fps" and 0 < size < n_visible[row]:
             visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), view])
             chosen = visible[farthest_points(points.positions[visible], size, rng)].astype(np.int32)
         if size == ALL:
@@ -184,9 +184,9 @@ def gather_clouds(
         filled = np.empty((len(chosen), 3)), data[row], face_ids[row]
         factors[row] = _place(points.positions, points.face_ids, chosen, frame, centred, centres[row], factor, *filled)
         if in_scans:
-            _fill_scan(records[row], points, chosen, recipe, view, poses[view] if in_camera_frame else None)
-        elif recipe.attributes:
-            _fill_attributes(records[row], points.select(chosen), recipe, views.eyes[view], poses[view])
+            _fill_scan(records[row], points, chosen, config, view, poses[view] if in_camera_frame else None)
+        elif config.attributes:
+            _fill_attributes(records[row], points.select(chosen), config, views.eyes[view], poses[view])
     records["centre"], records["factor"], records["n_visible"] = centres, factors, n_visible
     records["visible_fraction"] = 1.0 - records["hidden"] if in_scans else n_visible / len(points)
     return records
@@ -200,20 +200,20 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
 
 
 def _fill_attributes(
-    record: Any, points: SurfacePoints, recipe: DatasetConfig, eye: FloatArray, pose: FloatArray
+    record: Any, points: SurfacePoints, config: DatasetConfig, eye: FloatArray, pose: FloatArray
 ) -> None:
-    if "normals" in recipe.attributes:
-        normals = points.normals if recipe.complete else points.normals_towards(eye)
-        turned = normals @ pose[:3, :3].T if recipe.frame == "camera" else normals
+    if "normals" in config.attributes:
+        normals = points.normals if config.complete else points.normals_towards(eye)
+        turned = normals @ pose[:3, :3].T if config.frame == "camera" else normals
         record["normal"] = turned.astype(np.float32)
-    if "colors" in recipe.attributes:
+    if "colors" in config.attributes:
         record["color"] = colors_of(points)
 
 
 def _fill_scan(
-    record: Any, points: Any, chosen: IntArray, recipe: DatasetConfig, view: int, pose: FloatArray | None
+    record: Any, points: Any, chosen: IntArray, config: DatasetConfig, view: int, pose: FloatArray | None
 ) -> None:
-    for name, (kind, _) in further_fields(recipe).items():
+    for name, (kind, _) in further_fields(config).items():
         values = points.columns[name][chosen]
         record[name] = (values @ pose[:3, :3].T if name == "normal" and pose is not None else values).astype(kind)
     for name, values in points.facts.items():
@@ -252,28 +252,28 @@ def unit_box_transform(positions: FloatArray) -> tuple[FloatArray, float]:
     return (low + high) / 2.0, 1.0 / longest if longest > 0 else 1.0
 
 
-def to_arrays(records: Records, recipe: DatasetConfig) -> dict[str, NDArray[Any]]:
+def to_arrays(records: Records, config: DatasetConfig) -> dict[str, NDArray[Any]]:
     """Return the arrays that a file holds: a field each; of ragged clouds all points in a row, and `OFFSETS`.
 
     Fields are where the records have them, not side by side in memory: so nothing is there twice.
     """
     fields = {name: records[name] for name in records.dtype.names or ()}
-    if recipe.sample_size is not None:
+    if config.sample_size is not None:
         return fields
-    for name, (kind, shape) in point_fields(recipe).items():
+    for name, (kind, shape) in point_fields(config).items():
         fields[name] = np.concatenate([np.empty((0, *shape), kind), *records[name]]).astype(kind, copy=False)
     return {**fields, OFFSETS: np.cumsum([0, *map(len, records["data"])], dtype=np.int64)}
 
 
-def read_rows(arrays: Any, rows: ArrayLike, recipe: DatasetConfig) -> Records:
+def read_rows(arrays: Any, rows: ArrayLike, config: DatasetConfig) -> Records:
     """Return the records of some rows of what `to_arrays` returned, in NumPy's arrays or HDF5's.
 
     Offsets that do not fit the points are a ValueError.
     """
-    chosen, points = np.asarray(rows), point_fields(recipe)
+    chosen, points = np.asarray(rows), point_fields(config)
     ascending, back = np.unique(chosen, return_inverse=True)  # as h5py wants them
-    records: Records = np.empty(len(ascending), record_type(recipe))
-    if recipe.sample_size is not None:
+    records: Records = np.empty(len(ascending), record_type(config))
+    if config.sample_size is not None:
         in_a_row = len(ascending) > 0 and ascending[-1] - ascending[0] + 1 == len(ascending)
         wanted = slice(ascending[0], ascending[-1] + 1) if in_a_row else ascending  # h5py reads a slice at once
         for name in records.dtype.names or ():
@@ -291,11 +291,11 @@ def read_rows(arrays: Any, rows: ArrayLike, recipe: DatasetConfig) -> Records:
     return records[back]
 
 
-def read_archive(file: Any, recipe: DatasetConfig) -> Records:
+def read_archive(file: Any, config: DatasetConfig) -> Records:
     """Return the records in a NumPy archive of what `to_arrays` returned."""
     with np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}  # each time that one is named, it is read
-        return read_rows(arrays, np.arange(len(arrays["label"])), recipe)
+        return read_rows(arrays, np.arange(len(arrays["label"])), config)
 
 
 def pad_or_truncate(positions: NDArray[Any], n_points: int) -> NDArray[Any]:

@@ -23,7 +23,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import ScanConfig
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.visibility import find_method, prepare
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
@@ -34,9 +34,9 @@ _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf
 
 
 @contextmanager
-def _context_for(recipe: DatasetConfig) -> Iterator[Any]:
+def _context_for(config: DatasetConfig) -> Iterator[Any]:
     """Open the GL context that a method needs, or none."""
-    if not find_method(recipe.method).needs_gl:
+    if not find_method(config.method).needs_gl:
         yield None
         return
     from zbuf_occlude.engines.gl.context import GlContext  # late: only these methods touch GL
@@ -45,68 +45,67 @@ def _context_for(recipe: DatasetConfig) -> Iterator[Any]:
         yield gl
 
 
-def smoke_test(recipe: DatasetConfig, require_gpu: bool) -> None:
+def smoke_test(config: DatasetConfig, require_gpu: bool) -> None:
     """Ask the method about one triangle, so that a wrong option or a missing driver shows before files are written.
 
     Raises the errors that any mesh would meet: OptionError, UnavailableError, GlError. With `require_gpu` a software
     renderer is a GlError.
     """
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
-    with _context_for(recipe) as gl:
+    with _context_for(config) as gl:
         if require_gpu and gl is not None and gl.is_software:
             raise GlError(
                 f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
                 "See `zbuf-occlude doctor`, or leave --require-gpu out."
             )
-        with prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})) as occluder:
+        with prepare(triangle, config.method, gl=gl, **dict(config.method_options or {})) as occluder:
             occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
-def needs_no_check(recipe: DatasetConfig) -> bool:
+def needs_no_check(config: DatasetConfig) -> bool:
     """Return whether the method has no option, no OpenGL and no further package that could be wrong or missing."""
-    row = find_method(recipe.method)
-    return not (row.needs_gl or row.extra or recipe.method_options)
+    row = find_method(config.method)
+    return not (row.needs_gl or row.extra or config.method_options)
 
 
-def is_warm(recipe: DatasetConfig) -> bool:
+def is_warm(config: DatasetConfig) -> bool:
     """Return whether all functions that a job of this kind calls are compiled."""
-    return compiler.compiled_before(_kind(recipe))
+    return compiler.compiled_before(_kind(config))
 
 
-def n_functions(recipe: DatasetConfig) -> int | None:
+def n_functions(config: DatasetConfig) -> int | None:
     """Return the approximate number of functions that `warm_up_jit` compiles; None where it is not known."""
-    return N_FUNCTIONS.get(_kind(recipe))
+    return N_FUNCTIONS.get(_kind(config))
 
 
-def warm_up_jit(recipe: DatasetConfig) -> None:
+def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
-    small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
-    if recipe.setup is not None:
-        whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
-        setup = ScanConfig(make("hdl-64e").to_dict(), size="file", method=recipe.method, **whole)
-        small = replace(small, scanning=setup.to_dict())
-    with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
+    small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
+    if config.scan is not None:
+        whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}
+        small = replace(small, scan=ScanConfig(make("hdl-64e"), size="file", method=config.method, **whole))
+    with tempfile.TemporaryDirectory() as place, _context_for(config) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
         make_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
-        if recipe.setup is not None and not recipe.complete:  # ask as scans of large things in scenes do
+        if config.scan is not None and not config.complete:  # ask as scans of large things in scenes do
             mesh = load_mesh(path)
             eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
             rays = np.random.default_rng(0).normal(size=(10_000, 3))
-            with prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})) as occluder:
+            with prepare(mesh, config.method, gl=gl, **dict(config.method_options or {})) as occluder:
                 occluder.first_hits([eye], rays)
                 occluder.first_hits([eye, eye + mesh.longest_side], rays[:2])
                 occluder.visible(sample_surface(mesh, n_points=10_000, seed=0), [eye])
-    compiler.note_compiled(_kind(recipe))
+    compiler.note_compiled(_kind(config))
 
 
-def _kind(recipe: DatasetConfig) -> str:
+def _kind(config: DatasetConfig) -> str:
     """Return the method's name; scans cast rays, boxes draw a picture, and complete clouds ask no method."""
-    if recipe.complete:
+    if config.complete:
         return "complete"
-    if recipe.setup is None:
-        return recipe.method
-    return f"{recipe.method}-{'boxes' if BOXES in recipe.attributes else 'scans'}"
+    if config.scan is None:
+        return config.method
+    return f"{config.method}-{'boxes' if BOXES in config.attributes else 'scans'}"
 
 
 class Estimate(NamedTuple):
@@ -125,9 +124,9 @@ def estimate(plan: Plan) -> Estimate:
 
     A method that cannot run here is a GlError or an UnavailableError.
     """
-    chosen = np.random.default_rng(seed_of(plan.recipe.seed, "estimate")).permutation(len(plan.meshes)).tolist()
+    chosen = np.random.default_rng(seed_of(plan.config.seed, "estimate")).permutation(len(plan.meshes)).tolist()
     made: list[tuple[float, int, bool]] = []
-    with tempfile.TemporaryDirectory() as folder, _context_for(plan.recipe) as gl:
+    with tempfile.TemporaryDirectory() as folder, _context_for(plan.config) as gl:
         began = time.perf_counter()
         first = _time_mesh(plan, chosen[0], gl, Path(folder))
         if first[0] > SECONDS:
@@ -142,8 +141,8 @@ def estimate(plan: Plan) -> Estimate:
     spread = float(np.std(seconds, ddof=1)) if len(made) > 1 else seconds[0]
     n_bytes, row = n * float(np.mean(sizes)), find_format(plan.format)
     files = n_bytes
-    if plan.recipe.sample_size is not None and not row.whole_objects:
-        files = float(plan.n_clouds * record_type(plan.recipe).itemsize)
+    if plan.config.sample_size is not None and not row.whole_objects:
+        files = float(plan.n_clouds * record_type(plan.config).itemsize)
     peak = files + (n_bytes if row.keeps_points else files) * bool(row.exported_from)
     uncertainty = 2 * n * spread / math.sqrt(len(made)) if len(made) < n else 0.0
     return Estimate(len(made), sum(failed), n * float(np.mean(seconds)), uncertainty, files, peak)

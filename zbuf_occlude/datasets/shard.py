@@ -103,7 +103,7 @@ class RecordShard:
 
     def keep(self, sampling: Sampling, key: str, variation: int) -> Records:
         """Draw the clouds of one sampling of a mesh."""
-        return gather_clouds(sampling.points, sampling.mask, sampling.views, self._plan.recipe, key, variation)
+        return gather_clouds(sampling.points, sampling.mask, sampling.views, self._plan.config, key, variation)
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[Records]) -> None:
         """Take all clouds of a mesh."""
@@ -115,7 +115,7 @@ class RecordShard:
     def write(self, out: Path, shard: int) -> list[FileDigest]:
         """Write the files of the shard that have clouds; remove others, which an interrupted run may have left."""
         plan, module, written = self._plan, find_format(self._plan.format).storage.load(), list[FileDigest]()
-        arrays = [np.empty(0, record_type(plan.recipe)), *self._records]
+        arrays = [np.empty(0, record_type(plan.config)), *self._records]
         ids = (np.concatenate([each[name] for each in arrays]) for name in ("mesh_id", "variation", "view_id"))
         files, rows = plan.places(*ids)
         array_of = np.repeat(np.arange(len(arrays)), list(map(len, arrays)))
@@ -127,7 +127,7 @@ class RecordShard:
                 path.unlink(missing_ok=True)
                 continue
             mine = mine[np.argsort(rows[mine])]
-            records = np.empty(len(mine), record_type(plan.recipe))
+            records = np.empty(len(mine), record_type(plan.config))
             for array in np.unique(array_of[mine]).tolist():
                 here = array_of[mine] == array
                 records[here] = arrays[array][row_of[mine[here]]]
@@ -156,7 +156,7 @@ def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Any) -> MadeMesh:
     """
     entry = plan.meshes[mesh_id]
     mesh = entry.load()
-    counts, renderer, kept, blank = count_mesh(mesh, plan.recipe), "none", list[Any](), list[tuple[int, int, str]]()
+    counts, renderer, kept, blank = count_mesh(mesh, plan.config), "none", list[Any](), list[tuple[int, int, str]]()
     for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
         counts, renderer = counts + sampling.counts, sampling.renderer
         kept.append(store.keep(sampling, entry.key, variation))

@@ -65,7 +65,7 @@ class CloudReader:
     @property
     def has_ranges(self) -> bool:
         """True where the distances of views are ranges of a sensor, in metres; of some real scans they are NaN."""
-        return self.sweeps is not None or self.plan.recipe.setup is not None
+        return self.sweeps is not None or self.plan.config.scan is not None
 
     @property
     def n_clouds(self) -> dict[str, int]:
@@ -164,7 +164,7 @@ def source_of_files(
 
     def take(numbers: Numbers) -> Records:
         owners = np.searchsorted(ends, numbers, side="right")
-        records = np.empty(len(numbers), record_type(plan.recipe))
+        records = np.empty(len(numbers), record_type(plan.config))
         for owner in np.unique(owners):
             mine = owners == owner
             with reading(paths[owner]):

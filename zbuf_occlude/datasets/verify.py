@@ -99,7 +99,7 @@ class VerifyTask:
                 n_clouds[split] += len(records)
                 if not np.isfinite(np.concatenate(records["data"])).all():
                     faults.append(f"all positions must be finite; some of split {split} are not.")
-                if "normals" in self.plan.recipe.attributes:
+                if "normals" in self.plan.config.attributes:
                     lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
                     if not (np.abs(lengths - 1.0) < 1e-3).all():
                         faults.append(f"all normals must be of length 1; some of split {split} are not.")
@@ -161,13 +161,13 @@ def verify(
             if n_clouds[split] != expected:
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
     verdict = Verdict(len(mine), sum(n_clouds.values()), 0, None, faults)
-    some = _some_files(files, set(jobs), plan.recipe.seed)
+    some = _some_files(files, set(jobs), plan.config.seed)
     if some and not faults and meshes is not None:
-        source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
+        source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.config.seed)
         everything = np.concatenate(list(source.order.values()))
         records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
         by_key = _as_planned(meshes, plan)
-        scanned = plan.recipe.setup is not None and not plan.recipe.complete
+        scanned = plan.config.scan is not None and not plan.config.complete
         # any may stand around the target of a scan
         mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
         if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
@@ -178,7 +178,7 @@ def verify(
             verdict.faults.append(wrong)
         elif scanned:
             _scan_again(records, plan, manifest, by_key, n_samples, verdict)
-        elif plan.recipe.complete:
+        elif plan.config.complete:
             _check_completeness(records, plan, manifest, by_key, verdict)
         else:
             _ask_oracle(records, plan, manifest, by_key, rng, verdict)
@@ -235,12 +235,12 @@ def _scan_again(
 
     The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
     """
-    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
+    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.config, plan.format, plan.views)
     for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
         entry = remade.meshes[mesh_id]
         try:
             kept = [
-                gather_clouds(each.points, each.mask, each.views, plan.recipe, entry.key, variation)
+                gather_clouds(each.points, each.mask, each.views, plan.config, entry.key, variation)
                 for variation, each in enumerate(samplings(remade, _load(entry, manifest), mesh_id, None))
             ]
         except (DatasetError, MeshError, OptionError) as error:
@@ -259,7 +259,7 @@ def _scan_again(
 def _world_positions(record: Any, plan: Plan) -> FloatArray:
     """Return the points (n, 3) of a cloud where they are on its mesh, or on its mesh as it stands before a sensor."""
     positions = record["data"] / record["factor"] + record["centre"]
-    if plan.recipe.frame == "camera":
+    if plan.config.frame == "camera":
         positions = (positions - record["pose"][:3, 3]) @ record["pose"][:3, :3]
     return np.asarray(positions, float)
 
@@ -276,8 +276,8 @@ def _check_completeness(
         entry = by_key[plan.meshes[int(record["mesh_id"])].key]
         try:
             mesh = _load(entry, manifest)
-            if plan.recipe.setup is not None:
-                mesh, _ = in_metres(mesh, entry.label, plan.recipe.setup)
+            if plan.config.scan is not None:
+                mesh, _ = in_metres(mesh, entry.label, plan.config.scan)
         except MeshError as error:
             verdict.faults.append(str(error))
             continue
@@ -287,8 +287,8 @@ def _check_completeness(
         away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
         if not (away <= allowed).all():
             verdict.faults.append(f"all points must lie on their faces; one of {of_cloud} is {away.max():.3g} away.")
-        elif plan.recipe.subset != "fps":
-            whole = sample_surface(mesh, n_points=SURFACE_POINTS, seed=seed_of(plan.recipe.seed, entry.key + "/verify"))
+        elif plan.config.subset != "fps":
+            whole = sample_surface(mesh, n_points=SURFACE_POINTS, seed=seed_of(plan.config.seed, entry.key + "/verify"))
             axes = record["pose"][:3, :3].T
             found, most = _largest_difference(np.unique(positions, axis=0) @ axes, whole.positions @ axes, allowed)
             if found > most:

@@ -17,13 +17,13 @@ from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.noise import apply_noise, measured_ranges
 from zbuf_occlude.sensors.poses import look_at, pose_of_camera
 from zbuf_occlude.sensors.returns import Scan
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.contents import placed_of
 from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -153,7 +153,7 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
                 occluder=occluder,
                 towards=_region(mesh, config),
                 target=alone if config.keep == "target" and occluder is not alone else None,
-                motion=config.motion_model,
+                motion=config.motion,
             )
             found = apply_noise(returns, sensor, generator(seeds("scan", view)))
             kept = _kept(found, mesh, config, np.random.default_rng(seeds("box", view)))
@@ -270,7 +270,7 @@ def _near(placed: list[Placed], eye: FloatArray, radius: float, config: ScanConf
     """Return the mask of the objects that a ray from `eye` may meet if it passes within `radius` of the origin."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
-    sensor = config.sensor_model
+    sensor = config.sensor
     spread = sensor.rays().spread
     radius += spread  # all rays are taken to start at the eye; everything else is enlarged by their distance from it
     if distance <= radius or config.motion is not None or len(sensor.noise_model.baselines):

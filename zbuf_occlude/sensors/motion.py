@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,8 +73,13 @@ class Motion:
             raise ArgumentError(f"trajectory must be (m, 8) numbers: t x y z qx qy qz qw; got {found}.")
         if fault := _fault(rows):
             raise ArgumentError(f"trajectory {fault}.")
-        unit = np.concatenate([rows[:, :4], unit_quaternions(rows[:, 4:])], axis=1)
-        object.__setattr__(self, "trajectory", set_readonly(unit))
+        object.__setattr__(self, "trajectory", set_readonly(rows.copy()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the arguments as plain data."""
+        trajectory = None if self.trajectory is None else np.asarray(self.trajectory).tolist()
+        velocity = np.asarray(self.velocity).tolist()
+        return {"velocity": velocity, "turn": self.turn, "trajectory": trajectory, "deskew": self.deskew}
 
     def duration_mismatch(self, rays: Rays) -> str:
         """Return a message where a trajectory is much longer or shorter than the sweep of these rays, else ""."""
@@ -102,7 +108,7 @@ class Motion:
 
     def _along(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         rows = np.asarray(self.trajectory)
-        at, points, turned = rows[:, 0] - rows[0, 0], rows[:, 1:4], rows[:, 4:]
+        at, points, turned = rows[:, 0] - rows[0, 0], rows[:, 1:4], unit_quaternions(rows[:, 4:])
         where = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(len(at) - 2, 0))
         after = np.minimum(where + 1, len(at) - 1)
         share = np.clip((times - at[where]) / np.maximum(at[after] - at[where], 1e-300), 0.0, 1.0)[:, None]

@@ -20,7 +20,7 @@ from zbuf_occlude.datasets.source import open_dataset  # noqa: E402
 from zbuf_occlude.datasets.torch import CloudDataset, CloudStream, CompletionPairs, augmentation  # noqa: E402
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry  # noqa: E402
 
-RECIPE = DatasetConfig(
+CONFIG = DatasetConfig(
     method="oracle", views="fibonacci:9", n_points=120, variations=3, sample_size=40, attributes=("normals", "colors")
 )
 N_TRAIN = 4 * 3 * 9
@@ -35,7 +35,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         for i in range(3)
         for label, load in (("ball", lambda: sphere(6)), ("brick", box))
     ]
-    generate(Plan(MeshCollection(entries), RECIPE, "packed"), root / "packed")
+    generate(Plan(MeshCollection(entries), CONFIG, "packed"), root / "packed")
     convert(root / "packed", root / "hdf5", "hdf5")
     return {"packed": root / "packed", "hdf5": root / "hdf5"}
 

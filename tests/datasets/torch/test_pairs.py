@@ -47,8 +47,8 @@ def check(partial: Any, complete: Any, pose: Any, frame: str, axes: str, scale: 
 def test_stored_pairs_have_their_pose(frame: str, axes: str, scale: str, tmp_path: Path) -> None:
     entries = [MeshEntry("slab", "slab", "train", slab)]
     views = {"views": "random:5", "n_points": 3000, "variations": 2}
-    recipe = DatasetConfig(method="exact", scale=scale, frame=frame, axes=axes, **views)  # type: ignore[arg-type]
-    generate(Plan(MeshCollection(entries), recipe, "packed"), tmp_path / "packed")
+    config = DatasetConfig(method="exact", scale=scale, frame=frame, axes=axes, **views)  # type: ignore[arg-type]
+    generate(Plan(MeshCollection(entries), config, "packed"), tmp_path / "packed")
     pairs = CompletionPairs(tmp_path / "packed", n_partial=300, n_complete=500, return_pose=True)
     assert len(pairs) == 10
     for partial, complete, _, pose in (pairs[i] for i in range(len(pairs))):

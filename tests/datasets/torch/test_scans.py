@@ -45,8 +45,8 @@ def test_in_a_street_in_metres() -> None:
 def test_it_takes_what_a_command_takes() -> None:
     named = OnTheFlyScan(10, sensor="vlp-16", numbers={"noise": 0}, range="5..6", size="2")
     given = OnTheFlyScan(10, sensor=zo.sensors.make("vlp-16", noise=0), range=(5.0, 6.0), size=2.0)
-    assert named.setup.to_dict() == given.setup.to_dict()
-    assert OnTheFlyScan(10, range=5).setup.range == (5.0, 5.0)
+    assert named.config.to_dict() == given.config.to_dict()
+    assert OnTheFlyScan(10, range=5).config.range == (5.0, 5.0)
 
 
 def test_what_it_refuses() -> None:

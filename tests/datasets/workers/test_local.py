@@ -25,14 +25,14 @@ from zbuf_occlude.datasets.workers.pool import Message
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
-RECIPE = DatasetConfig(method="oracle", views="fibonacci:100", n_points=50, sample_size=8)
+CONFIG = DatasetConfig(method="oracle", views="fibonacci:100", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 
 
 def plan_of(*loads: object) -> Plan:
     """Two meshes a shard, made by these functions of their number."""
     entries = [MeshEntry(f"m{i}", "ball", "train", partial(f, i)) for i, f in enumerate(loads)]  # type: ignore[arg-type]
-    return Plan(MeshCollection(entries), RECIPE)
+    return Plan(MeshCollection(entries), CONFIG)
 
 
 @pytest.fixture

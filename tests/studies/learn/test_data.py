@@ -86,8 +86,8 @@ def test_too_many_points_and_sets_that_do_not_fit() -> None:
 def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
     """Occluded clouds have the camera's elevation, complete ones have none; both have their object."""
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
-    recipe = DatasetConfig(method="exact", views="ring:3@40", n_points=600, sample_size=64)
-    generate(Plan(meshes, recipe, format), tmp_path / "seen")
+    config = DatasetConfig(method="exact", views="ring:3@40", n_points=600, sample_size=64)
+    generate(Plan(meshes, config, format), tmp_path / "seen")
     whole = DatasetConfig(method="exact", views="ring:1@0", n_points=600, sample_size=64, complete=True)
     generate(Plan(meshes, whole, format), tmp_path / "whole")
     seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
@@ -107,8 +107,8 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
 
 
 def test_a_point_that_is_not_finite_is_told_with_its_folder(tmp_path: Path) -> None:
-    recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
-    generate(Plan(shapes.collection(n_members=2), recipe, "hdf5"), tmp_path / "clouds")
+    config = DatasetConfig(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+    generate(Plan(shapes.collection(n_members=2), config, "hdf5"), tmp_path / "clouds")
     with h5py.File(tmp_path / "clouds" / "ply_data_train0.h5", "a") as file:
         file["data"][3, 1, 2] = np.nan
     with pytest.raises(

@@ -75,8 +75,8 @@ def test_metres_are_not_mixed_with_scaled_clouds(tmp_path: Path) -> None:
 def test_the_scale_of_a_dataset_is_known(tmp_path: Path) -> None:
     meshes = shapes.traffic.collection().select(classes=["pedestrian"]).limit(2)
     for scale in ("metres", "cloud"):
-        recipe = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=32, scale=scale)
-        generate(Plan(meshes, recipe), tmp_path / scale)
+        config = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=32, scale=scale)
+        generate(Plan(meshes, config), tmp_path / scale)
         clouds = load_clouds(tmp_path / scale, meshes[0].split)
         assert (clouds.scale, clouds.keeps_size) == (scale, scale == "metres")
         assert (np.ptp(clouds.positions, axis=1).max(axis=1) > 1.05).all() == (scale == "metres")

@@ -317,8 +317,8 @@ def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
 def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
     class Two(experiments_module.Experiment):
         def plans(self) -> dict[str, Plan]:
-            recipe = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
-            return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), recipe, "hdf5")}
+            config = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+            return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), config, "hdf5")}
 
         def trials(self) -> list[experiments_module.Trial]:
             return []

@@ -85,12 +85,12 @@ def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
 
 def test_random_views_are_drawn_for_each_object() -> None:
     """Views depend on the mesh key alone, as in `generate`."""
-    recipe = DatasetConfig(views="random:4", seed=3)
+    config = DatasetConfig(views="random:4", seed=3)
     entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
     asked = [
         [
             case.make_question().views.eyes
-            for case in cases.mesh_cases(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
+            for case in cases.mesh_cases(some, [], config.make_views, n_points=5, seed=3, most_views=4)
         ]
         for some in (MeshCollection(entries), MeshCollection(entries[1:]))
     ]

@@ -134,7 +134,7 @@ def finish_folder(
         **about,
         "fingerprint": plan.fingerprint,
         "format": plan.format,
-        "options": plan.recipe.to_dict(),
+        "options": plan.config.to_dict(),
         "files": files,
         "sha256": sha256,
         "bytes": sizes(out, sha256),
@@ -146,16 +146,16 @@ def finish_folder(
 
 def frame_in_words(plan: Plan) -> dict[str, Any]:
     """Return the axes of the clouds in the files, in those of the mesh with z up or of the camera, and the one up."""
-    if plan.recipe.frame == "camera":
-        y_and_z = ("up", "backwards") if plan.recipe.axes == "opengl" else ("down", "forward")
+    if plan.config.frame == "camera":
+        y_and_z = ("up", "backwards") if plan.config.axes == "opengl" else ("down", "forward")
         return {"axes": ["right", *y_and_z], "up": None}
-    axes = find_format(plan.format).axes_in(plan.recipe.frame)
+    axes = find_format(plan.format).axes_in(plan.config.frame)
     return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
 
 
 def as_theirs(source: CloudReader, plan: Plan) -> CloudReader:
     """Return the clouds of a layout's classes, with its labels, positions and normals in its frame."""
-    row, axes = find_format(plan.format), find_format(plan.format).to_frame(plan.recipe).T
+    row, axes = find_format(plan.format), find_format(plan.format).to_frame(plan.config).T
     longest_side = np.linalg.norm(axes[0])
     number_of = {name: number for number, name in enumerate(plan.classes)}
     label_of = np.array([number_of.get(entry.label, -1) for entry in plan.meshes])
@@ -231,7 +231,7 @@ def convert(
     about = {**manifest, "command": command, "converted_from": plan.converted_from}
     redrawn = None
     if find_format(old.format).whole_objects:  # draw and order are those of the new format
-        redrawn = replace(old, recipe=plan.recipe, format=find_format(format).storage.name)
+        redrawn = replace(old, config=plan.config, format=find_format(format).storage.name)
     source = open_dataset(folder, redrawn)
     contains_plan(plan, out)
     with locked(out):
@@ -287,7 +287,7 @@ def _converted(old: Plan, format: str) -> Plan:
         )
     plan: Plan = replace(old, format=format, converted_from={"format": old.format, "fingerprint": old.fingerprint})
     if is_packed:
-        plan = replace(plan, recipe=row.redrawn(plan.recipe))
+        plan = replace(plan, config=row.redrawn(plan.config))
     row.check(replace(plan, meshes=row.select(plan.meshes)))
     return plan
 
@@ -345,9 +345,9 @@ def names_of(plan: Plan) -> Names:
 def check_as_they_are(plan: Plan) -> None:
     """Raise OptionError unless a plan's clouds have all points, in the scans' frame."""
     for option, found, wanted in (
-        ("--sample-size", plan.recipe.sample_size, None),
-        ("--scale", plan.recipe.scale, "mesh"),
-        ("--frame", plan.recipe.frame, "object"),
+        ("--sample-size", plan.config.sample_size, None),
+        ("--scale", plan.config.scale, "mesh"),
+        ("--frame", plan.config.frame, "object"),
     ):
         if found != wanted:
             raise OptionError(
@@ -358,13 +358,13 @@ def check_as_they_are(plan: Plan) -> None:
 
 def check_one_frame(plan: Plan, *, of_object: bool = True) -> None:
     """Raise OptionError unless all clouds of an object, or else the two of each view, lie in one frame."""
-    cures = ["--scale object or mesh"] if plan.recipe.scale in ("cloud", "metres") else []
-    if of_object and plan.recipe.frame == "camera":
+    cures = ["--scale object or mesh"] if plan.config.scale in ("cloud", "metres") else []
+    if of_object and plan.config.frame == "camera":
         cures += ["--frame object (hdf5, packed, completion3d and epn3d keep the camera's)"]
     if cures:
         raise OptionError(
-            f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.recipe.scale} --frame "
-            f"{plan.recipe.frame}. Give {', '.join(cures)}."
+            f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.config.scale} --frame "
+            f"{plan.config.frame}. Give {', '.join(cures)}."
         )
 
 
@@ -423,7 +423,7 @@ class CloudFields:
 
     def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
         self.name = f"clouds_{split}.npy"
-        whole = record_type(plan.recipe)
+        whole = record_type(plan.config)
         fields = [(name, whole[name]) for name in whole.names or () if name != "data" and not whole[name].hasobject]
         self._kind = np.dtype(fields)
         self._rows = Rows(folder / self.name, self._kind, (n_rows,)) if n_rows else None

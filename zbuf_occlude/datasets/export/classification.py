@@ -21,7 +21,7 @@ def export_scanobjectnn(source: CloudReader, out: Path) -> Exported:
     label  (n,) int64, by its list of 15 names
     mask   (n, size) int64: -1 of points that are not the object's (`--keep box` or `all`), else 0
     """
-    files, size = dict[str, list[str]](), source.plan.recipe.equal_size
+    files, size = dict[str, list[str]](), source.plan.config.equal_size
     for split, n_clouds in source.n_clouds.items():
         name = f"{'training' if split == 'train' else split}_objectdataset_augmentedrot_scale75.h5"
         rest = CloudFields(out, split, source.plan, n_clouds)
@@ -50,17 +50,17 @@ def export_modelnet40_c(source: CloudReader, out: Path) -> Exported:
     ----------
     jiachens/ModelNet40-C, data/generate_c.py, occlusion() and lidar(): both turn (x, y, z) to (-x, z, y); occlusion()
     ends with normalize(), which centres each cloud and makes its longest side 2; lidar() leaves the cloud in the frame
-    in which data/occlusion.py, occlusion_1(), has centred the mesh, its longest side 2 (recipe's scale "object").
+    in which data/occlusion.py, occlusion_1(), has centred the mesh, its longest side 2 (scale "object").
     """
     plan, files, n_clouds = source.plan, dict[str, list[str]](), dict[str, int]()
-    setup = plan.recipe.setup
-    corruption = "lidar" if setup is not None and setup.sensor_model.kind == "spinning" else "occlusion"
+    scan = plan.config.scan
+    corruption = "lidar" if scan is not None and scan.sensor.kind == "spinning" else "occlusion"
     for split, numbers in whole_objects(source).items():
         folder = "" if split == "test" else f"{split}/"
         (out / folder).mkdir(exist_ok=True)
         rest, n_views = CloudFields(out, split, plan, numbers.size), len(plan.views)
         names = [f"{folder}data_{corruption}_{view + 1}.npy" for view in range(n_views)]
-        shape = (len(numbers), plan.recipe.equal_size, 3)
+        shape = (len(numbers), plan.config.equal_size, 3)
         arrays = [Rows(out / name, np.dtype("<f4"), shape) for name in names]
         labels = np.zeros((len(numbers), 1), np.int64)
         place = np.full(max(map(np.max, source.order.values())) + 1, -1)
@@ -136,9 +136,9 @@ def _write_text(path: Path, values: FloatArray, separator: str) -> None:
 
 def check_modelnet40_c(plan: Plan) -> None:
     """Raise OptionError unless there is one cloud per object and view, as one array of labels for all arrays needs."""
-    if plan.recipe.variations != 1:
+    if plan.config.variations != 1:
         raise OptionError(
-            f"modelnet40-c must have one cloud per object and view; got --variations {plan.recipe.variations}. Give 1."
+            f"modelnet40-c must have one cloud per object and view; got --variations {plan.config.variations}. Give 1."
         )
 
 

@@ -85,7 +85,7 @@ def export_epn3d(source: CloudReader, out: Path) -> Exported:
     """
     names, n_views = names_of(source.plan), len(source.plan.views)
     whole, of_view = "{name}", "{name}__{view}__"
-    if source.plan.recipe.frame == "camera":
+    if source.plan.config.frame == "camera":
         whole = of_view
     files = f"{{label}}/complete/{whole}.npy", f"{{label}}/partial/{of_view}.npy"
     exported, mesh_ids = _export_pairs(source, out, names, 2_048, *files)
@@ -191,7 +191,7 @@ def _export_pairs(
     """
     assert source.complete is not None  # it is read from the format packed
     files, n_clouds, mesh_ids = dict[str, list[str]](), dict[str, int](), dict[str, list[int]]()
-    with_normals = "normals" in source.plan.recipe.attributes  # of scans they are in each record
+    with_normals = "normals" in source.plan.config.attributes  # of scans they are in each record
     for split in source.order:
         numbers = whole_objects(source, None if split == "train" else n_tested)[split]
         rest, files[split], mesh_ids[split] = CloudFields(out, split, source.plan, numbers.size), [], []
@@ -201,7 +201,7 @@ def _export_pairs(
             mesh_id = int(records["mesh_id"][0])
             mesh_ids[split].append(mesh_id)
             fields = [name for name in records.dtype.names or () if name != "normal" or with_normals]
-            one_frame = source.plan.recipe.frame != "camera"  # else each view has a complete cloud of its own
+            one_frame = source.plan.config.frame != "camera"  # else each view has a complete cloud of its own
             for sharing in [records] if one_frame else np.split(records, len(records)):
                 whole = source.complete(sharing[0], n_complete)
                 for pattern, record in [(complete, whole), *((of_view, each) for each in sharing[fields])]:
@@ -261,24 +261,24 @@ def _check(
     `n_views` per object and `size` of a partial cloud, where loaders have a number in their code. `own_complete` is
     True for a layout that has place for a complete cloud of each view, as the camera's frame needs it.
     """
-    recipe = plan.recipe
+    config = plan.config
     for what, option, found, wanted in (
         ("views per object", "--views random:", len(plan.views), n_views),
-        ("variation", "--variations ", recipe.variations, 1),
-        ("points per partial cloud", "--sample-size ", recipe.sample_size, size),
+        ("variation", "--variations ", config.variations, 1),
+        ("points per partial cloud", "--sample-size ", config.sample_size, size),
     ):
         if wanted is not None and found != wanted:
             raise OptionError(
                 f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. Give "
                 f"{option}{wanted}."
             )
-    if recipe.n_points is None or recipe.n_points < n_complete:
-        sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"
+    if config.n_points is None or config.n_points < n_complete:
+        sampled = "a density" if config.n_points is None else f"{config.n_points:,}"
         raise OptionError(
             f"{plan.format} must have {n_complete:,} points in each complete cloud; got {sampled}. "
             f"Give --points {n_complete}."
         )
-    if plan.recipe.frame == "camera" and not own_complete:
+    if plan.config.frame == "camera" and not own_complete:
         raise OptionError(
             f"{plan.format} must have one frame for all views of an object, for they share a complete cloud; got "
             "--frame camera. Choose --format completion3d or epn3d; or packed, which zo.torch.CompletionPairs reads."

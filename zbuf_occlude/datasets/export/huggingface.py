@@ -50,11 +50,11 @@ def _arrow() -> Any:
 def _write_shard(path: Path, records: Records, plan: Plan) -> None:
     arrow = _arrow()
     columns = {"mesh": arrow.array([plan.meshes[int(i)].key for i in records["mesh_id"]])}
-    arrays = to_arrays(records, plan.recipe)
+    arrays = to_arrays(records, plan.config)
     offsets = arrays.pop(OFFSETS, None)
     for name, values in arrays.items():
         column = _column(arrow, values[:, 0] if name == "label" else values)
-        if offsets is not None and name in point_fields(plan.recipe):
+        if offsets is not None and name in point_fields(plan.config):
             column = arrow.ListArray.from_arrays(arrow.array(offsets, arrow.int32()), column)
         columns["points" if name == "data" else name] = column
     table = arrow.table(columns)
@@ -73,8 +73,8 @@ def _column(arrow: Any, values: NDArray[Any]) -> Any:
 
 
 def _card(plan: Plan, splits: Iterable[str]) -> str:
-    recipe = plan.recipe
-    kind = record_type(recipe)
+    config = plan.config
+    kind = record_type(config)
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
     for split in splits:
         lines += [f"  - split: {'validation' if split == 'val' else split}", f"    path: data/{split}-*.parquet"]
@@ -86,19 +86,19 @@ def _card(plan: Plan, splits: Iterable[str]) -> str:
             lines += [f"          '{number}': {_quoted(label)}" for number, label in enumerate(plan.classes)]
             continue
         if kind[name].hasobject:
-            dtype, row = point_fields(recipe)[name]
+            dtype, row = point_fields(config)[name]
             lines += ["    list:", *_listed(np.dtype(dtype).name, row, "      ")]
             continue
         lines += _listed(kind[name].base.name, kind[name].shape, "    ")
-    how = "whole surfaces" if recipe.complete else f"what {len(plan.views)} views ({recipe.views}) see of each"
-    size = f"{recipe.sample_size:,} points" if recipe.sample_size else "all visible points"
+    how = "whole surfaces" if config.complete else f"what {len(plan.views)} views ({config.views}) see of each"
+    size = f"{config.sample_size:,} points" if config.sample_size else "all visible points"
     lines += [
         "---",
         "",
         f"# Occluded point clouds of {len(plan.meshes):,} meshes, {len(plan.classes):,} classes",
         "",
         f"Made by zbuf_occlude: {how}, {size} per cloud, hidden surfaces removed by",
-        f"`{recipe.method}`. `manifest.json` has all options, versions, checksums and the measured error.",
+        f"`{config.method}`. `manifest.json` has all options, versions, checksums and the measured error.",
         "",
         "`points` are (p - `centre`) * `factor` of the visible points p; `pose` is the view matrix (world to eye",
         "space, the camera looks along -z); `view` is azimuth and elevation in radians and the distance.",

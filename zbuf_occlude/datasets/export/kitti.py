@@ -125,7 +125,7 @@ def _calibration() -> bytes:
 def check(plan: Plan) -> None:
     """Raise OptionError unless the clouds are whole scans of a level LiDAR, with boxes, as they are."""
     check_as_they_are(plan)
-    if BOXES not in plan.recipe.attributes:
+    if BOXES not in plan.config.attributes:
         raise OptionError("kitti must have boxes; got none. Give --with boxes.")
     with importing("PIL", "--format kitti"):
         import PIL  # noqa: F401  # now, not when all is scanned

@@ -74,8 +74,8 @@ def _reader(
     fields, end, order = np.concatenate(list(fields_of.values())), 0, dict[str, Numbers]()
     for split, of_split in fields_of.items():
         order[split] = np.arange(end, end := end + len(of_split))
-    to_frame = find_format(plan.format).to_frame(plan.recipe).astype(np.float64)
-    longest, size = float(np.linalg.norm(to_frame[0])), plan.recipe.sample_size
+    to_frame = find_format(plan.format).to_frame(plan.config).astype(np.float64)
+    longest, size = float(np.linalg.norm(to_frame[0])), plan.config.sample_size
     number_of = {ids: number for number, ids in enumerate(fields[list(IDS.names or ())].tolist())}
 
     def records_of(numbers: Numbers, clouds: Sequence[FloatArray], size: int | None) -> Records:

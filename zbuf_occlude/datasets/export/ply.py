@@ -34,7 +34,7 @@ def export(source: CloudReader, out: Path) -> Exported:
             for record in records:
                 name = _name(source.plan, record)
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
-                _write_cloud(out / name, record, source.plan.recipe)
+                _write_cloud(out / name, record, source.plan.config)
                 files[split].append(name)
         atomic.write_lines(out / list_of(split), files[split])
     return Exported(files, source.n_clouds)
@@ -48,8 +48,8 @@ def _name(plan: Plan, record: Any) -> str:
     return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
 
 
-def _write_cloud(path: Path, record: Any, recipe: DatasetConfig) -> None:
-    fields = further_fields(recipe)
+def _write_cloud(path: Path, record: Any, config: DatasetConfig) -> None:
+    fields = further_fields(config)
     single = [(name, kind) for name, (kind, shape) in fields.items() if not shape]
     split = [(part, fields[name][0]) for name, parts in PROPERTIES.items() if name in fields for part in parts]
     place = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")]

@@ -18,6 +18,7 @@ from zbuf_occlude.datasets.records import draw_visible, unit_box_transform
 from zbuf_occlude.datasets.source import CloudReader, StoredSampling
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.sensors.capture import in_metres
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.visibility import prepare
 
 TURN, SHIFT = np.pi / 4, 0.25
@@ -62,7 +63,7 @@ def export(source: CloudReader, out: Path) -> Exported:
     paul007pl/MVP_Benchmark, registration/dataset.py, MVP_RG, and its README: rotations up to 45 degrees and any at 4:1.
     """
     plan, files, n_pairs, n_without = source.plan, dict[str, list[str]](), dict[str, int](), 0
-    size, (low, high) = plan.recipe.equal_size, _range_of(plan.recipe)
+    size, (low, high) = plan.config.equal_size, _range_of(plan.config)
     left_out = dict.fromkeys(source.ids()["mesh_id"].tolist(), f"no two views have an overlap of {low:g} to {high:g}")
     ids = source.ids()
     for split, numbers in source.order.items():
@@ -110,16 +111,16 @@ def _rows_of(source: CloudReader, mesh_id: int, variation: int) -> Iterator[dict
     """Yield the pairs of one sampling of an object, as the fields of a row."""
     assert source.block is not None  # it is read from the format packed
     plan, block = source.plan, source.block(mesh_id, variation)
-    entry, recipe = plan.meshes[mesh_id], plan.recipe
-    rng = np.random.default_rng(seed_of(recipe.seed, entry.key + "/pairs", variation))
-    mask = block.mask if recipe.setup is None else _seen_by_places(entry, block, recipe)
+    entry, config = plan.meshes[mesh_id], plan.config
+    rng = np.random.default_rng(seed_of(config.seed, entry.key + "/pairs", variation))
+    mask = block.mask if config.scan is None else _seen_by_places(entry, block, config.scan)
     positions = _placed(plan, block)
-    seed = seed_of(recipe.seed, entry.key, variation, 0).generate_state(1, np.uint64)[0]
+    seed = seed_of(config.seed, entry.key, variation, 0).generate_state(1, np.uint64)[0]
     clouds = dict[int, IntArray]()
-    for pair in choose_pairs(mask, len(plan.views), _range_of(recipe), rng):
+    for pair in choose_pairs(mask, len(plan.views), _range_of(config), rng):
         for view in pair[:2]:
             if view not in clouds:
-                clouds[view], _ = draw_visible(block.mask[view], recipe.equal_size, seed, view)
+                clouds[view], _ = draw_visible(block.mask[view], config.equal_size, seed, view)
         drawn = [clouds[view] for view in pair[:2]]
         most = np.pi if rng.random() < UNRESTRICTED else TURN
         pose, _ = _motion(rng, np.pi)
@@ -148,12 +149,11 @@ def _rows_of(source: CloudReader, mesh_id: int, variation: int) -> Iterator[dict
         }
 
 
-def _seen_by_places(entry: MeshEntry, block: StoredSampling, recipe: DatasetConfig) -> BoolArray:
+def _seen_by_places(entry: MeshEntry, block: StoredSampling, scan: ScanConfig) -> BoolArray:
     """Return which points (n,) of an object's whole surface each of k places of the sensor sees; (k, n).
 
     A place whose scan has no return sees nothing. A mesh that is not at hand is a DatasetError.
     """
-    assert recipe.setup is not None
     try:
         mesh = entry.load()
     except MeshError as error:
@@ -161,7 +161,7 @@ def _seen_by_places(entry: MeshEntry, block: StoredSampling, recipe: DatasetConf
             f"pairs of scans must be made from the meshes too. {error} Make them with `zbuf-occlude generate --format "
             "pairs`."
         ) from error
-    standing, _ = in_metres(mesh, entry.label, recipe.setup)
+    standing, _ = in_metres(mesh, entry.label, scan)
     with prepare(standing, "exact") as occluder:
         seen: BoolArray = occluder.visible(block.whole, block.views.eyes)
     seen[~block.mask.any(axis=1)] = False
@@ -203,9 +203,9 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
 
 def _placed(plan: Plan, block: StoredSampling) -> FloatArray:
     """Return the points of an object in the layout's frame."""
-    whole = block.points if plan.recipe.setup is None else block.whole
-    centre, factor = unit_box_transform(whole.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
-    axes = find_format(plan.format).to_frame(plan.recipe).astype(np.float64)
+    whole = block.points if plan.config.scan is None else block.whole
+    centre, factor = unit_box_transform(whole.positions) if plan.config.scale == "object" else (np.zeros(3), 1.0)
+    axes = find_format(plan.format).to_frame(plan.config).astype(np.float64)
     return np.asarray((block.points.positions - centre) * factor @ axes.T)
 
 
@@ -220,18 +220,18 @@ def _motion(rng: np.random.Generator, most: float) -> tuple[NDArray[np.float64],
     return found, angle
 
 
-def _range_of(recipe: DatasetConfig) -> tuple[float, float]:
-    assert recipe.overlap is not None
-    return recipe.overlap[0], recipe.overlap[1]
+def _range_of(config: DatasetConfig) -> tuple[float, float]:
+    assert config.overlap is not None
+    return config.overlap[0], config.overlap[1]
 
 
 def check(plan: Plan) -> None:
     """Raise OptionError unless a plan has a range of overlaps, several views, and points on the surface."""
-    recipe = plan.recipe
-    if recipe.overlap is None:
+    config = plan.config
+    if config.overlap is None:
         raise OptionError("pairs must have a range of overlaps; got none. Give --overlap A..B.")
     if len(plan.views) < 2:
         raise OptionError(f"pairs must be of 2 views of an object, at least; got {len(plan.views)}. See --views.")
-    if recipe.setup is not None and recipe.setup.scene != "none":
+    if config.scan is not None and config.scan.scene != "none":
         raise OptionError("pairs of scans must be of the object alone, whose overlap is known. Leave --scene out.")
     check_one_frame(plan)

@@ -19,6 +19,7 @@ from zbuf_occlude.datasets.plan import Numbers, Plan
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.sensors.bop import BopWriter
 from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, frame_files
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
 
@@ -39,7 +40,7 @@ def export_frames(source: CloudReader, out: Path) -> Exported:
         for of_views in numbers.reshape(-1, n_views):
             first = source.take(of_views[:1])[0]
             mesh_id, variation = int(first["mesh_id"]), int(first["variation"])
-            name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
+            name = names.objects[mesh_id] + (f"-{variation}" if plan.config.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
             unit = depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
             frames = (frame_of(plan, record) for record in records_of(source, of_views))
@@ -61,9 +62,8 @@ def _depths(record: Any) -> FloatArray:
 
 def frame_of(plan: Plan, record: Any) -> Frame:
     """Return all that a pinhole camera's rays met as a frame; of a pixel with several echoes the first."""
-    assert plan.recipe.setup is not None
     views, view = plan.views_of(plan.meshes[int(record["mesh_id"])].key), int(record["view_id"])
-    sensor = plan.recipe.setup.sensor_of(views, view)
+    sensor = _pinhole_scans(plan).sensor_of(views, view)
     size, depths = (sensor.pattern["height"], sensor.pattern["width"]), _depths(record)
     nearest = np.argsort(depths, kind="stable")
     _, first = np.unique((record["ring"] * size[1] + record["column"])[nearest], return_index=True)
@@ -79,21 +79,27 @@ def frame_of(plan: Plan, record: Any) -> Frame:
     return Frame(depth, face_ids, instances, normals, colors, sensor.intrinsics, record["pose"])
 
 
+def _pinhole_scans(plan: Plan) -> ScanConfig:
+    """Return the scans of a plan; OptionError unless a pinhole camera makes them."""
+    scan = plan.config.scan
+    if scan is None or scan.sensor.kind != "pinhole":
+        named = "surface" if scan is None else scan.sensor.name
+        raise OptionError(
+            f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
+        )
+    return scan
+
+
 def check_frames(plan: Plan) -> None:
     """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, with normals, as they are.
 
     UnavailableError where pictures cannot be written.
     """
-    recipe = plan.recipe
     if lacking := missing("PIL"):
         raise UnavailableError(f"--format {plan.format} {lacking}")
-    if recipe.setup is None or recipe.setup.sensor_model.kind != "pinhole":
-        named = "surface" if recipe.setup is None else recipe.setup.sensor_model.name
-        raise OptionError(
-            f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
-        )
+    _pinhole_scans(plan)
     check_as_they_are(plan)
-    if "normals" not in recipe.attributes:
+    if "normals" not in plan.config.attributes:
         raise OptionError(f"{plan.format} must have normals; got none. Give --with normals.")
 
 
@@ -104,30 +110,31 @@ def export_bop(source: CloudReader, out: Path) -> Exported:
     meshes of the collection, and what fills scenes without one. `depth` has the sensor's noise, masks and `rgb` have
     none.
     """
-    plan, n_views = source.plan, len(source.plan.views)
-    assert plan.recipe.setup is not None
-    writer = BopWriter(out, background=(), method=plan.recipe.setup.method)
+    scan, n_views = _pinhole_scans(source.plan), len(source.plan.views)
+    writer = BopWriter(out, background=(), method=scan.method)
     names, n_clouds = dict[str, list[str]](), dict[str, int]()
     for split, numbers in whole_objects(source).items():
         names[split], n_clouds[split] = [], numbers.size
         for number, of_views in enumerate(numbers.reshape(-1, n_views)):
-            writer.write_scene(f"{split}/{number:06d}", _images(source, of_views, plan.recipe.setup.method))
+            writer.write_scene(f"{split}/{number:06d}", _images(source, of_views, scan))
     of_all = writer.finish()
     for split in names:
         names[split] = [name for name in of_all if name.startswith(f"{split}/")]
     return Exported(names, n_clouds, left_out=incomplete(source))
 
 
-def _images(source: CloudReader, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
+def _images(
+    source: CloudReader, of_views: Numbers, scan: ScanConfig
+) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
     """Yield the scene of each view, what a camera without noise sees of it, and the sensor's depth."""
     first = source.take(of_views[:1])[0]
-    scenes = scanned_scenes(source.plan, int(first["mesh_id"]), int(first["variation"]))
+    scenes = scanned_scenes(source.plan, scan, int(first["mesh_id"]), int(first["variation"]))
     last, occluder = None, None
     with ExitStack() as opened:
         for scene, record in zip(scenes, records_of(source, of_views), strict=True):
             if scene is not last or occluder is None:
                 opened.close()
-                last, occluder = scene, opened.enter_context(prepare(scene.mesh, method, warn=False))
+                last, occluder = scene, opened.enter_context(prepare(scene.mesh, scan.method, warn=False))
             noisy = frame_of(source.plan, record)
             clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
             yield scene, replace(clean, colors=noisy.colors), noisy.depth
@@ -141,10 +148,9 @@ def check_bop(plan: Plan) -> None:
     check_frames(plan)
     if lacking := missing("scipy"):
         raise UnavailableError(f"--format bop {lacking}")
-    setup = plan.recipe.setup
-    assert setup is not None
-    if setup.keep != "all":
-        raise OptionError(f"bop must have the pixels of all objects, --keep all; got {setup.keep}.")
+    scan = _pinhole_scans(plan)
+    if scan.keep != "all":
+        raise OptionError(f"bop must have the pixels of all objects, --keep all; got {scan.keep}.")
 
 
 FRAMES = Layout(export_frames, check_frames)

@@ -46,7 +46,7 @@ def export(source: CloudReader, out: Path) -> Exported:
     """
     plan, names, n_views = source.plan, names_of(source.plan), len(source.plan.views)
     files, n_clouds = dict[str, list[str]](), dict[str, int]()
-    axes = np.rint(find_format(plan.format).to_frame(plan.recipe)).astype(np.float64)
+    axes = np.rint(find_format(plan.format).to_frame(plan.config)).astype(np.float64)
     for split, numbers in whole_objects(source).items():
         files[split], n_clouds[split], folders = [], numbers.size, list[str]()
         for of_views in numbers.reshape(-1, n_views):
@@ -54,7 +54,7 @@ def export(source: CloudReader, out: Path) -> Exported:
             mesh_id, variation = int(records["mesh_id"][0]), int(records["variation"][0])
             entry = plan.meshes[mesh_id]
             folder = f"{names.classes[mesh_id]}/{names.objects[mesh_id]}"
-            folder += f"-{variation}" if plan.recipe.variations > 1 else ""
+            folder += f"-{variation}" if plan.config.variations > 1 else ""
             folders.append(folder)
             (out / folder).mkdir(parents=True)
             loaded = entry.load()
@@ -109,9 +109,9 @@ def _write(path: Path, tsdf: NDArray[Any], **arrays: NDArray[Any]) -> None:
 
 def check(plan: Plan) -> None:
     """Raise OptionError unless clouds are of the surface in the object's frame; UnavailableError without Open3D."""
-    if plan.recipe.setup is not None:
+    if plan.config.scan is not None:
         raise OptionError("voxels must be of views of the surface. Leave --sensor out.")
-    if plan.recipe.frame != "object":
-        raise OptionError(f"voxels must be in the object's frame, turned y up; got --frame {plan.recipe.frame}.")
+    if plan.config.frame != "object":
+        raise OptionError(f"voxels must be in the object's frame, turned y up; got --frame {plan.config.frame}.")
     with importing("open3d", "--format voxels"):
         import open3d  # noqa: F401

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.errors import OptionError, find_row
 from zbuf_occlude.datasets.plan import ATTRIBUTES, BOXES, CLASSES_OF, DatasetConfig, Plan
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import span_of
+from zbuf_occlude.sensors.scan_config import span_of
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Format:
     from_meshes: bool = False  # its export reads the meshes again, so that nothing is converted to it
     ragged: bool = False  # its clouds may be of unequal size (`--sample-size all`)
     least_tested: int = 0  # test clouds below which the loaders' own test ends in an error
-    axes: tuple[str, str, str] = ("x", "y", "z")  # of its frame, by those of the recipe's frame "object", z up
-    longest_side: float = 1.0  # in its frame, of what the recipe scales to 1
+    axes: tuple[str, str, str] = ("x", "y", "z")  # of its frame, by those of the frame "object", z up
+    longest_side: float = 1.0  # in its frame, of what is scaled to 1
     options: Mapping[str, Any] = field(default_factory=dict)  # defaults of `generate`, by its parameters' names
     module: str = ""  # where its functions are; behind a colon the object there that has them as methods
 
@@ -99,27 +99,27 @@ class Format:
         return ", ".join(outside[:10]) + (f" and {len(outside) - 10} more" if len(outside) > 10 else "")
 
     def axes_in(self, frame: str) -> tuple[str, str, str]:
-        """Return the axes of its clouds, by those of the recipe's frame: its own, or those where these were chosen."""
+        """Return the axes of its clouds, by those of `frame`: its own, or those where these were chosen."""
         return self.axes if frame == "object" else ("x", "y", "z")
 
-    def to_frame(self, recipe: DatasetConfig) -> NDArray[np.float32]:
-        """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
-        axes = self.axes_in(recipe.frame)
+    def to_frame(self, config: DatasetConfig) -> NDArray[np.float32]:
+        """Return the matrix (3, 3) from a configuration's frame to its own; chosen axes and a mesh's scale stay."""
+        axes = self.axes_in(config.frame)
         turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
-        return (turned * (1.0 if recipe.scale in ("metres", "mesh") else self.longest_side)).astype(np.float32)
+        return (turned * (1.0 if config.scale in ("metres", "mesh") else self.longest_side)).astype(np.float32)
 
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""
-        if plan.recipe.sample_size is None and not self.ragged:
+        if plan.config.sample_size is None and not self.ragged:
             raise OptionError(
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
                 f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
             )
-        for name in plan.recipe.attributes:
+        for name in plan.config.attributes:
             if name not in self.attributes:
                 formats = " or ".join(row.name for row in FORMATS if name in row.attributes)
                 raise OptionError(f"{name} must go with --format {formats}; got {self.name}. Leave them out.")
-        if plan.recipe.complete and self.of_views:
+        if plan.config.complete and self.of_views:
             formats = ", ".join(row.name for row in FORMATS if not row.of_views)
             raise OptionError(
                 f"--format {self.name} holds what views see; got --complete. Leave it out, or choose {formats}."
@@ -128,16 +128,16 @@ class Format:
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
 
-    def redrawn(self, recipe: DatasetConfig) -> DatasetConfig:
-        """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
+    def redrawn(self, config: DatasetConfig) -> DatasetConfig:
+        """Return a configuration of all points of objects so changed that the clouds drawn of them fit this format."""
         drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale", "overlap")}
-        if recipe.scale != "cloud":
+        if config.scale != "cloud":
             drawn.pop("scale", None)
         if drawn.get("sample_size") == "all":
             drawn["sample_size"] = None
         if "overlap" in drawn:
-            drawn["overlap"] = recipe.overlap or span_of("overlap", drawn["overlap"])
-        return replace(recipe, complete=self.complete or recipe.complete, **drawn)
+            drawn["overlap"] = config.overlap or span_of("overlap", drawn["overlap"])
+        return replace(config, complete=self.complete or config.complete, **drawn)
 
 
 Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")

@@ -52,10 +52,10 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDige
 
     def fill(file: IO[bytes]) -> None:
         with _h5_in(file, track_order=True) as h5:
-            h5.attrs["frame"], h5.attrs["axes"] = plan.recipe.frame, plan.recipe.axes
-            h5.attrs["scale"] = plan.recipe.scale
+            h5.attrs["frame"], h5.attrs["axes"] = plan.config.frame, plan.config.axes
+            h5.attrs["scale"] = plan.config.scale
             h5.attrs["fingerprint"] = plan.fingerprint
-            for name, values in to_arrays(records, plan.recipe).items():
+            for name, values in to_arrays(records, plan.config).items():
                 dataset = h5.create_dataset(name, values.shape, values.dtype, track_times=False)
                 n_rows = max(1, AT_ONCE // max(1, values[:1].nbytes))
                 for first in range(0, len(values), n_rows):
@@ -139,7 +139,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
 
     def load(path: Path, rows: NDArray[np.intp]) -> Records:
         with h5py.File(path) as h5:
-            return read_rows(h5, rows, plan.recipe)
+            return read_rows(h5, rows, plan.config)
 
     return source_of_files(plan, out, files, lambda path: len(_read_ids(path)), load, read_ids=_read_ids)
 

@@ -21,13 +21,13 @@ def file_name(split: str, number: int) -> str:
 
 def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
     """Write one archive."""
-    fields = to_arrays(records, plan.recipe)
+    fields = to_arrays(records, plan.config)
     return atomic.write_data(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds of these files; the last file used is kept in memory."""
-    return source_of_files(plan, out, files, _count, kept(lambda path: read_archive(path, plan.recipe)))
+    return source_of_files(plan, out, files, _count, kept(lambda path: read_archive(path, plan.config)))
 
 
 def _count(path: Path) -> int:

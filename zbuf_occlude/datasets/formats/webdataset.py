@@ -51,12 +51,12 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDige
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> CloudReader:
     """Return the clouds of these files; the last file used is kept in memory."""
-    return source_of_files(plan, out, files, _count, kept(lambda path: _read_tar(path, plan.recipe)))
+    return source_of_files(plan, out, files, _count, kept(lambda path: _read_tar(path, plan.config)))
 
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
     entry = plan.meshes[int(record["mesh_id"])]
-    arrays = point_fields(plan.recipe)
+    arrays = point_fields(plan.config)
     facts = {"class": entry.label, "mesh": entry.key, "split": entry.split}
     for name in record.dtype.names:
         if name not in (*arrays, "label"):
@@ -74,7 +74,7 @@ def _count(path: Path) -> int:
         return sum(member.name.endswith(".json") for member in tar)
 
 
-def _read_tar(path: Path, recipe: DatasetConfig) -> Records:
+def _read_tar(path: Path, config: DatasetConfig) -> Records:
     records: list[Records] = []
     keys: dict[str, int] = {}
     with tarfile.open(path) as tar:
@@ -82,7 +82,7 @@ def _read_tar(path: Path, recipe: DatasetConfig) -> Records:
             key, _, ending = member.name.partition(".")
             if key not in keys:
                 keys[key] = len(records)
-                records.append(np.zeros((), record_type(recipe)))
+                records.append(np.zeros((), record_type(config)))
             record, file = records[keys[key]], tar.extractfile(member)
             if file is None:
                 raise ValueError(f"{member.name} is no file")
@@ -96,6 +96,6 @@ def _read_tar(path: Path, recipe: DatasetConfig) -> Records:
             else:
                 record[ending.removesuffix(".npy")][()] = np.load(io.BytesIO(content))
         n_members = len(tar.getmembers())
-    if n_members != (TEXTS + len(point_fields(recipe))) * len(records):  # tar does not say that it was cut between two
+    if n_members != (TEXTS + len(point_fields(config))) * len(records):  # tar does not say that it was cut between two
         raise ValueError(f"{n_members} members for {len(records)} clouds")
     return np.stack(records)

@@ -37,7 +37,7 @@ from zbuf_occlude.base.errors import (
 from zbuf_occlude.base.point_files import write_table
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.real.sweeps import LabelledBox, Sweep, find_sweeps
-from zbuf_occlude.sensors.setup import LEAST_POINTS
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS
 
 FRAMES = ("object", "sensor")
 FIT: Literal["fit"] = "fit"

@@ -4,7 +4,6 @@ import copy
 import os
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,9 +35,9 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
+from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import Pool
-from zbuf_occlude.sensors.setup import ScanConfig
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
@@ -434,9 +433,9 @@ class OnTheFlyScan:
         Frame of the positions; the camera looks at the object.
     axes : {"opengl", "opencv"}
         Axes of the camera: x right, y up, looking along -z; or x right, y down, looking along z.
-    **setup
+    **config
         `range`, `range_law`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` and
-        `least_points` of `zbuf_occlude.sensors.setup.ScanConfig`.
+        `least_points` of `zbuf_occlude.sensors.scan_config.ScanConfig`.
 
     Raises
     ------
@@ -464,7 +463,7 @@ class OnTheFlyScan:
         scale: str = "cloud",
         frame: str = "object",
         axes: str = "opengl",
-        **setup: Any,
+        **config: Any,
     ) -> None:
         check_int("n_points", n_points, 1)
         self.views = RandomViews.of_arguments(elevation, PAPER_DISTANCE, views)
@@ -472,18 +471,18 @@ class OnTheFlyScan:
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
         self.n_points = n_points
-        given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
-        self.setup = ScanConfig(make(sensor, **(numbers or {})).to_dict(), **given)
+        given = {"method": default_caster(), "range": (5.0, 50.0), **config}
+        self.config = ScanConfig(make(sensor, **(numbers or {})), **given)
         if not isinstance(surroundings, MeshCollection | None):
             raise ArgumentError(
                 f"surroundings must be a MeshCollection; got {type(surroundings).__name__}. "
                 "Make one: MeshCollection.from_paths([folder])."
             )
         entries: Sequence[Any] = surroundings if surroundings is not None else ()
-        self._pool = Pool(entries, self.setup.size, self.setup.scene, np.random.SeedSequence(0))
+        self._pool = Pool(entries, self.config.size, self.config.scene, np.random.SeedSequence(0))
 
     def __repr__(self) -> str:
-        return f"OnTheFlyScan({self.n_points}, {asdict(self.setup)['sensor']['name']}, scene={self.setup.scene})"
+        return f"OnTheFlyScan({self.n_points}, {self.config.sensor.name}, scene={self.config.scene})"
 
     def __call__(self, mesh: Any, label: str = "object") -> torch.Tensor:
         """Return a scan's points.
@@ -513,7 +512,7 @@ class OnTheFlyScan:
             mesh = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).cleaned()
         if get_worker_info() is not None:
             use_threads(1)
-        standing, size = in_metres(mesh, label, self.setup)
+        standing, size = in_metres(mesh, label, self.config)
         if standing.colors is not None and (standing.colors.transmittance == 1.0).all():
             raise MeshError(
                 f"a mesh must send some light back to be scanned; every material of {mesh.name} lets all light pass. "
@@ -524,14 +523,14 @@ class OnTheFlyScan:
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
             views = self.views.draw(1, int(rng.integers(2**62)))
             seeds = partial(_seed, int(rng.integers(2**62)))
-            places = sensor_views(views, size, floor, self.setup, seeds)
-            (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
+            places = sensor_views(views, size, floor, self.config, seeds)
+            (capture,) = captures(standing, self.config, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
-            n_distinct = count_distinct(capture.scan.positions, self.setup.least_points)
-            if n_distinct >= max(2, self.setup.least_points):  # centred and scaled, one place would be the origin
+            n_distinct = count_distinct(capture.scan.positions, self.config.least_points)
+            if n_distinct >= max(2, self.config.least_points):  # centred and scaled, one place would be the origin
                 positions = capture.scan.positions[draw(seen, self.n_points, rng)]
                 return Drawn(positions, places.poses[0], standing)
-        why = why_no_cloud(capture, self.setup, places, 0, n_distinct)
+        why = why_no_cloud(capture, self.config, places, 0, n_distinct)
         raise MeshError(
             f"a mesh must give a cloud; {mesh.name} did not from {ROUNDS} places: {why}. Choose another range."
         )

@@ -10,7 +10,7 @@ from zbuf_occlude.base.arrays import FloatArray, as_number
 from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, shown
 from zbuf_occlude.datasets.records import unit_box_transform
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.sensors.setup import span_of
+from zbuf_occlude.sensors.scan_config import span_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.views import random as random_views

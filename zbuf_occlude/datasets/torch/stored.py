@@ -66,12 +66,12 @@ class _Split(_Opened):
     ) -> None:
         super().__init__(folder, split)
         source, self.transform = self.source, transform
-        size = source.plan.recipe.sample_size
+        size = source.plan.config.sample_size
         if n_points is not None and not 1 <= n_points <= (size or n_points):
             most = f"lie in 1..{size}, the size of the clouds in {folder}" if size else "be at least 1"
             raise OptionError(f"n_points must {most}; got {n_points}.")
         for name in attributes:
-            check_choice("attribute", name, source.plan.recipe.attributes)
+            check_choice("attribute", name, source.plan.config.attributes)
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.n_points = n_points or size
 
@@ -259,7 +259,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, ...]]):
         complete = source.complete(record, self.n_complete)
         partial, whole = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
         pair = partial, whole, torch.tensor(int(record["label"][0]))
-        return (*pair, torch.from_numpy(_pose_of_pair(record, source.plan.recipe))) if self.return_pose else pair
+        return (*pair, torch.from_numpy(_pose_of_pair(record, source.plan.config))) if self.return_pose else pair
 
     @cached_property
     def source(self) -> CloudReader:
@@ -270,16 +270,16 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, ...]]):
                 f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
                 "Make it with `zbuf-occlude generate --format packed`."
             )
-        scale = {"cloud": "object", "metres": "mesh"}.get(plan.recipe.scale, plan.recipe.scale)
-        drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
-        return open_dataset(self.folder, replace(plan, recipe=drawn))
+        scale = {"cloud": "object", "metres": "mesh"}.get(plan.config.scale, plan.config.scale)
+        drawn = replace(plan.config, sample_size=self.n_partial, scale=scale, attributes=())
+        return open_dataset(self.folder, replace(plan, config=drawn))
 
 
-def _pose_of_pair(record: Any, recipe: DatasetConfig) -> NDArray[np.float32]:
+def _pose_of_pair(record: Any, config: DatasetConfig) -> NDArray[np.float32]:
     """Return the matrix (4, 4) from the object's frame, scaled as a record is, to the camera's."""
     pose, centre, factor = np.array(record["pose"]), record["centre"], float(record["factor"])
-    if recipe.frame == "camera":  # where the centre is given in the camera's frame
-        pose[:3, 3] = centre if recipe.scale == "object" else pose[:3, 3]
+    if config.frame == "camera":  # where the centre is given in the camera's frame
+        pose[:3, 3] = centre if config.scale == "object" else pose[:3, 3]
     else:
         pose[:3, 3] += pose[:3, :3] @ centre
     pose[:3, 3] *= factor

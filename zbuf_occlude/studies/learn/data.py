@@ -164,7 +164,7 @@ def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> 
         if times > 1:
             raise DatasetError(f"datasets must be different folders; {folder} is given {times} times. Give it once.")
     readers = [open_dataset(folder) for folder in folders]
-    sizes = [size for reader in readers if (size := reader.plan.recipe.sample_size) is not None]
+    sizes = [size for reader in readers if (size := reader.plan.config.sample_size) is not None]
     sets = [load_clouds(folder, split, min(sizes, default=ragged)) for folder in folders]
     classes = list(sets[0].classes)
     for folder, clouds in zip(folders[1:], sets[1:], strict=True):
@@ -214,7 +214,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     or where the clouds have fewer points.
     """
     source = open_dataset(folder)
-    size = source.plan.recipe.sample_size
+    size = source.plan.config.sample_size
     if split not in source.order:
         raise DatasetError(f"{folder} must have clouds of the split {split}; it has {', '.join(source.order)}.")
     if size is None and n_points is None:
@@ -225,7 +225,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     if n_points is not None and not 1 <= n_points <= (size or n_points):
         raise DatasetError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
     numbers = np.sort(source.order[split])
-    positions = np.empty((len(numbers), n_points or source.plan.recipe.equal_size, 3), dtype=np.float32)
+    positions = np.empty((len(numbers), n_points or source.plan.config.equal_size, 3), dtype=np.float32)
     labels, mesh_ids, n_measured = np.zeros((3, len(numbers)), dtype=np.int64)
     elevations, ranges = np.full((2, len(numbers)), np.nan, dtype=np.float32)
     for start in range(0, len(numbers), _CLOUDS_AT_ONCE):
@@ -236,7 +236,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         else:
             positions[rows] = records["data"][:, : positions.shape[1]]
         labels[rows], mesh_ids[rows] = records["label"][:, 0], records["mesh_id"]
-        if not source.plan.recipe.complete:
+        if not source.plan.config.complete:
             elevations[rows] = records["view"][:, 1]
             if source.has_ranges:
                 ranges[rows], n_measured[rows] = records["view"][:, 2], records["n_visible"]
@@ -251,5 +251,5 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
             elevations,
             ranges,
             n_measured,
-            source.plan.recipe.scale,
+            source.plan.config.scale,
         )

@@ -31,8 +31,8 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS, ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import LEAST_POINTS, ScanConfig
 from zbuf_occlude.studies.compare.cases import Subject
 from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
 from zbuf_occlude.studies.paper.design import (
@@ -246,14 +246,14 @@ class Elevation(Experiment):
     def plans(self) -> dict[str, Plan]:
         """Return the plan of the dataset of 4.1."""
         size = self.size
-        recipe = DatasetConfig(
+        config = DatasetConfig(
             method=MAIN.method,
             views="paper100",
             n_points=size.elevation_sampled,
             variations=size.variations,
             sample_size=size.elevation_points,
         )
-        return {ELEVATION: Plan(self.meshes, recipe, "packed", _at_most(paper100(), size.azimuths))}
+        return {ELEVATION: Plan(self.meshes, config, "packed", _at_most(paper100(), size.azimuths))}
 
     def make_datasets(self, progress: Callable[[int], None]) -> dict[str, str]:
         """Make the dataset, and measure the visible areas of some objects (Fig. 12)."""
@@ -384,7 +384,7 @@ class Augmentation(Experiment):
     def plan_of(self, method: Subject) -> Plan:
         """Return the plan of the occluded clouds by a method."""
         size, views = self.size, modelnet8()
-        recipe = DatasetConfig(
+        config = DatasetConfig(
             method=method.method,
             method_options=method.options,
             views="modelnet8",
@@ -392,7 +392,7 @@ class Augmentation(Experiment):
             sample_size=max(size.n_points),
         )
         # of 5 x 5 views, every sixth is on the diagonal; multiples of 6 modulo 25 reach all of them
-        return Plan(self.meshes, recipe, "packed", views.select(np.sort(np.arange(size.views) * 6 % len(views))))
+        return Plan(self.meshes, config, "packed", views.select(np.sort(np.arange(size.views) * 6 % len(views))))
 
     def plans(self) -> dict[str, Plan]:
         """Return the plans of the complete clouds, and of the occluded ones by each method."""
@@ -508,14 +508,14 @@ class Realism(Experiment):
             return Plan(self.meshes, DatasetConfig(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
         near = kind == TWO_EYES
-        setup = ScanConfig(
-            make(TRIANGULATING if near else SENSOR).to_dict(),
+        scan = ScanConfig(
+            make(TRIANGULATING if near else SENSOR),
             range=NEAR_RANGE if near else RANGE,
             size={"*": NEAR_METRES if near else OBJECT_METRES},
             method=default_caster(),
             **scene,
         )
-        return Plan(self.meshes, DatasetConfig(**common, scanning=setup.to_dict()))
+        return Plan(self.meshes, DatasetConfig(**common, scan=scan))
 
     def clouds_of(self, kind: str, count: str, split: str) -> CloudSet:
         """Return the clouds of a kind, one of `COUNTS` and a split."""

@@ -24,8 +24,8 @@ from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.scan_config import LEAST_POINTS, ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import LEAST_POINTS, ScanConfig
 from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
 from zbuf_occlude.studies.paper.design import (
     ALL_AROUND,
@@ -102,15 +102,15 @@ class RealObjects(Experiment):
         common: dict[str, Any] = {"method": "exact", "sample_size": n_points, "scale": "metres"}
         uniform = common | {"n_points": self.size.sampled, "views": f"random:{n_views}@0..30"}
         scan = ScanConfig(
-            make(SENSOR).to_dict(),
+            make(SENSOR),
             range=RANGE,
             size="file",
             method=default_caster(),
             scene="street",
             hidden=HIDDEN,
             least_points=LEAST_POINTS,
-        ).to_dict()
-        scans = common | {"scanning": scan}
+        )
+        scans = common | {"scan": scan}
         configs = {
             COMPLETE: DatasetConfig(**uniform, complete=True),
             OCCLUDED: DatasetConfig(**uniform),

@@ -1,8 +1,8 @@
-"""Configuration of scans: sensor, range, size, scene, points kept. Validated once; plain data for plans."""
+"""Configuration of scans: sensor, motion, range, size, scene, points kept."""
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -32,12 +32,11 @@ LEAST_POINTS = 16
 
 @dataclass(frozen=True)
 class ScanConfig:
-    """The configuration of scans. All fields are plain data, so that a plan can store them.
+    """The configuration of scans. Numbers and words may be given as the command line takes them.
 
     Parameters
     ----------
-    sensor : mapping
-        As `Sensor.to_dict()`.
+    sensor : Sensor
     range : (float, float), float, str, or None
         Metres from the sensor to the centre of the target (along the ground where there is one), drawn between two
         bounds. None: the distance of the view, in multiples of the target's size. Text: ``A..B``, ``A..B@area``.
@@ -62,8 +61,8 @@ class ScanConfig:
         Ray caster.
     transparent : mapping of str to float or None
         Share of light that materials let pass, by name, which may contain ``*``. None: the file's own share.
-    motion : mapping or None
-        Motion of the sensor during a scan: the arguments of `Motion`.
+    motion : Motion or None
+        Motion of the sensor during a scan. None: the sensor stands still.
     least_points : int
         Scans of fewer distinct points give no cloud. 0: all that have two points or more.
 
@@ -71,9 +70,11 @@ class ScanConfig:
     ------
     OptionError
         A value out of range, or an unknown name.
+    ArgumentError
+        A value of a wrong type.
     """
 
-    sensor: Mapping[str, Any]
+    sensor: Sensor
     range: Sequence[float] | None = None
     range_law: str = RANGE_LAWS[0]
     size: Sizes = field(default_factory=dict)
@@ -85,7 +86,7 @@ class ScanConfig:
     sensor_height: float | None = None
     method: str = "exact"
     transparent: Mapping[str, float | None] = field(default_factory=dict)
-    motion: Mapping[str, Any] | None = None
+    motion: Motion | None = None
     least_points: int = LEAST_POINTS
 
     def __post_init__(self) -> None:
@@ -96,7 +97,7 @@ class ScanConfig:
         check_choice("range law", self.range_law, RANGE_LAWS)
         object.__setattr__(self, "size", sizes_of(self.size) if self.size is not None else {})
         for name, span in (("range", self.range), ("hidden", self.hidden)):
-            if not (span is None or (isinstance(span, list | tuple) and _is_span(span))):  # a plan's stay as they are
+            if span is not None:
                 object.__setattr__(self, name, span_of(f"--{name}", span))
         for name, word in (("scene", self.scene), ("keep", self.keep), ("method", self.method)):
             if not isinstance(word, str):
@@ -129,9 +130,9 @@ class ScanConfig:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if has_ground else 'lacks'}; got {shown(self.sensor_height)}."
             )
-        if self.sensor_model.is_camera:
+        if self.sensor.is_camera:
             raise OptionError(
-                f"--sensor-height is for a LiDAR above the ground; {self.sensor_model.name} is a camera, placed by "
+                f"--sensor-height is for a LiDAR above the ground; {self.sensor.name} is a camera, placed by "
                 "--views (or --elevation) and --range. Leave it out."
             )
 
@@ -147,38 +148,34 @@ class ScanConfig:
                 )
 
     def _check_motion(self) -> None:
-        if self.motion_model is None:
+        if self.motion is None:
             return
-        if len(self.sensor_model.noise_model.baselines):
+        if not isinstance(self.motion, Motion):
+            raise ArgumentError(f"motion must be a sensors.Motion; got {type(self.motion).__name__}. Make one.")
+        if len(self.sensor.noise_model.baselines):
             raise OptionError(
-                f"a sensor that moves must have no second camera; {self.sensor_model.name} has one. Or give "
+                f"a sensor that moves must have no second camera; {self.sensor.name} has one. Or give "
                 "--set-sensor baseline=0."
             )
-        if self.sensor_model.no_motion_reason:
-            raise OptionError(self.sensor_model.no_motion_reason)
+        if self.sensor.no_motion_reason:
+            raise OptionError(self.sensor.no_motion_reason)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain data."""
-        return asdict(self)
+        motion = None if self.motion is None else self.motion.to_dict()
+        plain = {each.name: getattr(self, each.name) for each in fields(self)}
+        return plain | {"sensor": self.sensor.to_dict(), "motion": motion}
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> "ScanConfig":
+        """Return the configuration that `to_dict` described."""
+        motion = None if document["motion"] is None else Motion(**document["motion"])
+        return cls(**{**document, "sensor": Sensor.from_dict(document["sensor"]), "motion": motion})
 
     @cached_property
     def kind(self) -> Kind:
         """The row of the scene's kind; a scene from a file is of kind "ground"."""
         return find_row("scene", "ground" if self.scene == "file" else self.scene, KINDS)
-
-    @cached_property
-    def sensor_model(self) -> Sensor:
-        """The sensor."""
-        return Sensor.from_dict(self.sensor)
-
-    @cached_property
-    def motion_model(self) -> Motion | None:
-        """Motion of the sensor; None where it does not move."""
-        if not isinstance(self.motion, Mapping | None):
-            raise ArgumentError(f"motion must be a mapping of Motion's arguments; got {type(self.motion).__name__}.")
-        for name in self.motion or ():
-            check_choice("a key of motion", name, [each.name for each in fields(Motion)])
-        return None if self.motion is None else Motion(**self.motion)
 
     @property
     def takes_time(self) -> bool:
@@ -187,7 +184,7 @@ class ScanConfig:
 
     def sensor_of(self, views: Views, view: int) -> Sensor:
         """Return the sensor of a view; a pinhole takes the intrinsics and the image size of a file's camera."""
-        sensor = self.sensor_model
+        sensor = self.sensor
         if views.fov_bounds is None or sensor.kind != "pinhole":
             return sensor
         width, height = sensor.pattern["width"], sensor.pattern["height"]
@@ -217,7 +214,7 @@ class ScanConfig:
     @property
     def is_level(self) -> bool:
         """True for a spinning LiDAR above a ground: it stands level."""
-        return self.height is not None and self.sensor_model.kind == "spinning"
+        return self.height is not None and self.sensor.kind == "spinning"
 
     @property
     def most_objects(self) -> int:
@@ -227,7 +224,7 @@ class ScanConfig:
     @property
     def height(self) -> float | None:
         """Height of a LiDAR above the ground, metres; None for cameras, and where there is no ground."""
-        if self.sensor_model.is_camera:
+        if self.sensor.is_camera:
             return None
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
 
