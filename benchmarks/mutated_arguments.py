@@ -119,7 +119,9 @@ def numbers(value: Any, *shapes: tuple[int, ...]) -> bool:
 
 def is_pair(value: Any) -> bool:
     """Return whether a value is two numbers."""
-    return isinstance(value, tuple | list | np.ndarray) and np.shape(value) == (2,) and all(map(is_number, value))
+    return (
+        isinstance(value, tuple | list | range | np.ndarray) and np.shape(value) == (2,) and all(map(is_number, value))
+    )
 
 
 def are_words(value: Any) -> bool:

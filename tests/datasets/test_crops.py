@@ -146,6 +146,7 @@ def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
         ({"least_points": 0}, "least_points must be a positive int"),
         ({"margin": -1.0}, "margin must be a number of metres, 0 or more; got -1"),
         ({"ground": "flat"}, "ground must be a number of metres"),
+        ({"ground": np.array([1e155, 0.0])}, "ground must be a number of metres"),
         ({"range": (9, 3)}, "range must be metres"),
         ({"range": (1,)}, r"range must be metres.*got \(1,\)"),
         ({"range": "5..50"}, "range must be metres.*got '5..50'"),

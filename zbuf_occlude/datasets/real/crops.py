@@ -306,7 +306,8 @@ class _Cutter:
 
         self.classes, self.least_points, self.frame = classes, least_points, frame
         self.margin, self.distinct = metres("margin", margin), metres("distinct", distinct)
-        self.ground: Ground = ground if ground is None or ground == FIT else metres("ground", ground)
+        is_fitted = isinstance(ground, str) and ground == FIT
+        self.ground: Ground = FIT if is_fitted else None if ground is None else metres("ground", ground)
         self.low, self.high = (0.0, math.inf) if range is None else _checked_range(range)
         self.left_out = Counter[str]()
         self.seen = defaultdict[tuple[Any, ...], list[tuple[str, FloatArray]]](list)
