@@ -76,6 +76,12 @@ PARTS = (
     Part("scan-costs", "python benchmarks/dataset_costs.py scans", 1, "--limit 2"),
     Part("drive-headings", f"python benchmarks/drive_headings.py {DATA}/kitti", 0.5),
     Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4),
+    Part(
+        "moving-camera",
+        f"python benchmarks/moving_camera.py {FURNITURE}/armchair2__*.obj {FURNITURE}/bookcase__*.obj",
+        1,
+        "--places 4 --faces 10000",
+    ),
     Part("on-the-fly", "python benchmarks/on_the_fly.py", 1, "--seconds 1 --meshes 4", text=True),
     Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8"),
     Part("areas", f"python benchmarks/dead_angle.py {MODELNET} {FURNITURE} --objects 8", 3),

@@ -5,12 +5,16 @@ benchmarks   the chart of docs/performance.md, from docs/figures.json
 sensors      one car: uniform cloud, a LiDAR's scans at 10, 20 and 40 m, in a street, and by a depth camera
 exact_corner lines through a corner, by rounded and by exact volumes
 frames       what a frame holds, the visible part, masks, pairs, coverage, voxels, occlusions
+view         the page of `zbuf-occlude view` in a headless browser: a car and a camera
 shapes       every member of the built-in classes, a picture of each class, in the folder FILE
 
 Without --out it is docs/NAME.png.
 """
 
 import re
+import tempfile
+import threading
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,12 +29,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
 
 import zbuf_occlude as zo
+from tests.browser import open_page
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.drawing.marks import project_to_picture
 from zbuf_occlude.drawing.pictures import canvas, draw_cloud, draw_mesh, new_figure
+from zbuf_occlude.drawing.viewer import MeshViewer
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.meshes import shapes
-from zbuf_occlude.sensors import Scan, look_at, make
+from zbuf_occlude.sensors import SENSORS, Scan, look_at, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster
@@ -371,12 +377,38 @@ def road_users(out: Path) -> None:
     matplotlib.image.imsave(out, np.vstack(rows))
 
 
+def view(out: Path) -> None:
+    """Take a picture of the page of `zbuf-occlude view` after a move of the camera."""
+    mesh = shapes.traffic.make("car", 0)
+    with tempfile.TemporaryDirectory() as folder:
+        served = {"title": "car.off", "out": Path(folder) / "car.ply", "host": "127.0.0.1", "port": 0}
+        viewer = MeshViewer(mesh, SENSORS, n_points=20_000, **served)
+        thread = threading.Thread(target=viewer.run)
+        thread.start()
+        with open_page(viewer.url, Path(folder), size=(1100, 560)) as page:
+            while "answered" not in page.ask("return document.body.innerText"):
+                page.ask("await frame()")
+            page.ask("document.querySelectorAll('.mantine-Notification-closeButton').forEach((each) => each.click())")
+            page.wheel((500, 300), -300.0)
+            for _ in range(2):  # a further answer, as fast as those that follow
+                page.ask(
+                    "const label = [...document.querySelectorAll('label')].find((each) => each.innerText === 'Mesh');"
+                    "document.getElementById(label.htmlFor).click(); await frame()"
+                )
+                time.sleep(1.0)
+            time.sleep(2.0)
+            page.screenshot(out)
+        viewer.close()
+        thread.join()
+
+
 PICTURES = {
     "hero": hero,
     "benchmarks": benchmarks,
     "sensors": sensors,
     "frames": frames,
     "exact_corner": exact_corner,
+    "view": view,
     "shapes": every_shape,
     "road_users": road_users,
 }

@@ -1,4 +1,4 @@
-"""A headless browser for tests of HTML pages: load a page, ask it in JavaScript, use the mouse, look at it.
+"""A headless browser for tests of pages: load a file or an address, ask it in JavaScript, use the mouse, look at it.
 
 Needs no package, only Chromium or Chrome on the machine (Debian: ``apt-get install --no-install-recommends chromium``),
 or its path in ``ZBUF_OCCLUDE_BROWSER``. Speaks the Chrome DevTools protocol over a pipe.
@@ -81,8 +81,8 @@ class Page:
         """Save what the window shows."""
         png.write_bytes(base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"]))
 
-    def load(self, path: Path, size: tuple[int, int]) -> None:
-        """Open a tab of this size with a file in it, in place of the one before, and wait until it is loaded."""
+    def load(self, path: Path | str, size: tuple[int, int]) -> None:
+        """Open a tab of this size with a file or an address, in place of the one before; wait until it is loaded."""
         self._session, before = None, self._target
         self._target = self._call("Target.createTarget", url="about:blank")["targetId"]
         if before:
@@ -94,7 +94,7 @@ class Page:
         for domain in ("Runtime", "Log", "Page"):
             self._call(f"{domain}.enable")
         self._loaded = False
-        self._call("Page.navigate", url=path.absolute().as_uri())
+        self._call("Page.navigate", url=path if isinstance(path, str) else path.absolute().as_uri())
         while not self._loaded:
             self._note(self._receive())
         self.ask("await frame(); await frame()")
@@ -146,8 +146,8 @@ class Page:
 
 
 @contextmanager
-def open_page(path: Path, folder: Path, *, size: tuple[int, int] = (1280, 900)) -> Iterator[Page]:
-    """Load a page in a new browser; `folder` is for scratch. Fails when the page logged an error."""
+def open_page(path: Path | str, folder: Path, *, size: tuple[int, int] = (1280, 900)) -> Iterator[Page]:
+    """Load a file or an address in a new browser; `folder` is for scratch. Fails when the page logged an error."""
     browser = find_browser()
     assert browser is not None, "no headless browser here"
     theirs_in, ours_out = os.pipe()

@@ -44,6 +44,7 @@ FIRST = (
     "visibility/test_contract.py", "studies/paper/test_study.py", "datasets/workers/test_local.py",
     "studies/learn/test_training.py", "net/test_datasets.py", "datasets/test_generate.py",
     "visibility/test_pyrender.py", "visibility/test_exact_gl.py", "visibility/test_gl_threads.py",
+    "drawing/test_viewer.py",
     "cli/test_scans_in_pairs.py", "sensors/test_scenes.py", "examples/test_examples.py",
     "studies/paper/test_figures.py", "studies/compare/test_comparison_report.py", "datasets/torch/test_occlusion.py",
     "base/jit/test_compiler.py", "visibility/test_first_hits.py", "studies/paper/test_realism.py",

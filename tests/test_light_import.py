@@ -11,11 +11,11 @@ from tests.processes import run_program
 
 HEAVY = (
     *("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset"),
-    *("trimesh", "h5py", "PIL", "OpenEXR", "click", "tqdm", "warp"),
+    *("trimesh", "h5py", "PIL", "OpenEXR", "click", "tqdm", "viser", "warp"),
 )
 OPTIONAL = (
     *("matplotlib", "PIL", "trimesh", "OpenEXR", "pyrender", "OpenGL", "embreex", "open3d", "ray", "torch"),
-    *("webdataset", "warp"),
+    *("viser", "webdataset", "warp"),
 )
 """What `pip install zbuf-occlude` without extras does not bring."""
 

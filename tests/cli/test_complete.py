@@ -116,7 +116,11 @@ def test_what_does_not_go_with_complete(run: Run, tmp_path: Path) -> None:
     run("generate --complete --method exact --out out", code=2, says="--method must go without --complete")
     for format in ("pcn", "pairs", "frames"):
         run(f"generate --complete --format {format} --limit 1 --out out", code=2, says="holds what views see")
-    boxes = "--sensor hdl-64e --scene street --keep all --with boxes --limit 1"
+    sensor = "--sensor hdl-64e --scene street --limit 1"
+    for option in ("--hidden 0.2..0.4", "--keep all", "--keep-clean", "--velocity 9,0,0", "--least-points 3"):
+        said = f"{option.split()[0]} must go without --complete"
+        run(f"generate --complete {sensor} {option} --out out", code=2, says=said)
+    boxes = f"{sensor} --with boxes"
     run(f"generate --complete {boxes} --out out", code=2, says="boxes must be of scans")
     run("generate --complete --limit 1 --dry-run --out out")
     assert not (tmp_path / "out").exists()

@@ -56,6 +56,11 @@ def test_options_in_yaml(run: Run, modelnet: Path, tmp_path: Path) -> None:
         ("method: occupancy_grid\nset: {n: 8}", "--method oracle", "set"),
         ("complete: true", "--method oracle", "complete"),
         ("method: oracle", "--complete", "method"),
+        (
+            "sensor: vlp-16\nsize: 2\nrange: 5..9\nscene: street\nhidden: 0..0.5\nkeep: all",
+            "--complete",
+            "hidden, keep",
+        ),
         ("method: exact\nset: {contact: 0.001}\npoints: 9", "--sensor vlp-16", "points, set"),
         ("sensor: hdl-64e\nset-sensor: {columns: 90}", "--sensor vlp-16", "set-sensor"),
         (

@@ -104,3 +104,12 @@ def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> No
         assert set(together) == {after[0]}
         page.ask("document.getElementById('camera').click(); await frame();")
         assert page.ask("return gallery.large.azimuth === gallery.large.camera.azimuth")
+
+
+@pytest.mark.parametrize("command", ["show", "status", "merge", "verify", "convert --format npz --out other"])
+def test_a_folder_of_crops_is_refused_with_what_reads_it(run: Run, tmp_path: Path, command: str) -> None:
+    (tmp_path / "crops" / "car").mkdir(parents=True)
+    np.save(tmp_path / "crops" / "car" / "a.npy", np.eye(3))
+    (tmp_path / "crops" / "objects.csv").write_text("file,class\ncar/a.npy,car\n")
+    run(f"{command} crops", code=1, says="folder of cloud files, such as `crop` makes. `view`, `train`")
+    assert not (tmp_path / "other").exists()

@@ -24,6 +24,7 @@ EXTRAS = {
     "ray": "ray",
     "scipy": "bop",
     "torch": "learn",
+    "viser": "view",
     "warp": "warp",
 }
 """Extra that installs each package."""

@@ -24,6 +24,7 @@ COMMANDS = {
     "merge": "Finish a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
     "show": "Draw a dataset: an interactive gallery, a contact sheet.",
+    "view": "Look in the browser: what a camera that you drag sees of a mesh, or the clouds of a dataset.",
     "crop": "Crop labelled objects of real LiDAR sweeps to a dataset of single-object clouds.",
     "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",
     "evaluate": "Test a trained classifier: accuracy, confusion matrix, scores by class, range and points.",

@@ -8,7 +8,7 @@ import click
 
 from zbuf_occlude.base.documents import parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, did_you_mean
-from zbuf_occlude.cli.scan_options import SCAN_OPTIONS
+from zbuf_occlude.cli.scan_options import OF_SCANS, SCAN_OPTIONS
 from zbuf_occlude.cli.shell import Command, echo
 from zbuf_occlude.sensors.scan_config import SURFACE
 
@@ -29,7 +29,8 @@ REPLACED = {
     "unit": ("size",),
     "size": ("unit",),
     "method": ("set", "complete"),
-    "complete": ("method", "set"),
+    "complete": ("method", "set", *(name.replace("_", "-") for name in OF_SCANS)),
+    **{name.replace("_", "-"): ("complete",) for name in OF_SCANS},
     "sensor": ("set-sensor", "set", "points", "density"),
     "frame": ("axes",),
     "format": ("overlap",),

@@ -53,8 +53,8 @@ def crop_command(source: Path, out: Path, classes: str | None, ground: str, rang
       CLASS/SWEEP-NUMBER.ply   the clouds: x, y, z in metres
       objects.csv              of each cloud: class, label, sweep, range, direction of the sensor, points, box
 
-    `train`, `evaluate` and `zo.torch.CloudDataset` read the folder. Objects that were cropped before from nearly the
-    same place (--distinct), such as a parked car while the sensor stands, are left out.
+    `view`, `train`, `evaluate` and `zo.torch.CloudDataset` read the folder. Objects that were cropped before from
+    nearly the same place (--distinct), such as a parked car while the sensor stands, are left out.
 
     \b
     Examples:

@@ -13,7 +13,14 @@ from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.config_file import COMMAND, ConfigurableCommand, config_option
 from zbuf_occlude.cli.file_frames import lengths_of, taken_as, warn_of_lying
 from zbuf_occlude.cli.messages import check_folder, costs, format_plan, missing_splits, overview, what_was_made
-from zbuf_occlude.cli.scan_options import are_shapes_in_metres, check_sizes, overruled, pop_scan_options, scan_options
+from zbuf_occlude.cli.scan_options import (
+    OF_SCANS,
+    are_shapes_in_metres,
+    check_sizes,
+    overruled,
+    pop_scan_options,
+    scan_options,
+)
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
@@ -221,6 +228,8 @@ def generate_command(
     row = find_format(format)
     if complete and (idle := explicitly_set(context, ("method", "settings"))):
         raise click.UsageError(f"{idle[0]} must go without --complete: nothing is hidden. Leave it out.")
+    if complete and (idle := explicitly_set(context, OF_SCANS)):
+        raise click.UsageError(f"{idle[0]} must go without --complete: nothing is scanned. Leave it out.")
     complete = complete or row.complete
     scan = pop_scan_options(context, options, sampled=row.keeps_points or complete)
     if scan is not None:

@@ -31,6 +31,10 @@ SCAN_OPTIONS = (
     "velocity", "turn", "trajectory", "deskew",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
+OF_SCANS = (
+    "hidden", "keep", "keep_clean", "transparent", "velocity", "turn", "trajectory", "deskew", "least_points",
+)  # fmt: skip
+"""Those, and another of `generate`, that say what a scan gives; the others say where the sensor stands."""
 
 
 CASTING = [method.name for method in METHODS if not method.ray_casting_unsupported_reason]

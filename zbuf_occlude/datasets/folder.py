@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.atomic import LOCK, reading
 from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.datasets.cloud_folder import cloud_files
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.plan import Plan
 from zbuf_occlude.meshes.collection import SPLITS
@@ -84,6 +85,11 @@ def read_plan(out: Path) -> Plan:
     """Read back the plan of a dataset's folder; DatasetError where there is none, or it is damaged."""
     path = out / PLAN
     if not path.exists():
+        if cloud_files(out):
+            raise DatasetError(
+                f"{out} must hold a dataset of `zbuf-occlude generate`; it is a folder of cloud files, such as `crop` "
+                "makes. `view`, `train`, `evaluate` and `zo.torch.CloudDataset` read it."
+            )
         raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
     with reading(path, PLAN_REMEDY):
         document = read_object(path, {"fingerprint": str})

@@ -210,6 +210,8 @@ class DatasetConfig:
         object.__setattr__(self, "attributes", [name for name in (*ATTRIBUTES, BOXES) if name in self.attributes])
 
     def _check_boxes(self) -> None:
+        if self.complete:
+            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         scan = self.scan
         if not (scan and scan.is_level and scan.keep == "all"):
             given = f"--sensor {scan.sensor.name} --scene {scan.scene} --keep {scan.keep}" if scan else "no --sensor"
@@ -217,8 +219,6 @@ class DatasetConfig:
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
-        if self.complete:
-            raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
         if scan.motion and not scan.motion.deskew:
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
 

@@ -108,7 +108,9 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
 
 
 def open_to_show(folder: Path) -> CloudReader:
-    """Return the clouds of a complete dataset as `open_dataset`, or those of a layout of completion, z up again."""
+    """Return clouds as `open_dataset`, or those of a layout of completion, z up again."""
+    if not (folder / PLAN).exists() and cloud_files(folder):
+        return open_dataset(folder)
     plan, manifest = read_finished(folder)
     read = getattr(find_format(plan.format).load(), "read", None)
     if read is None:
