@@ -193,7 +193,7 @@ QUICK = Size(
     n_points=(256,),
     views=5,
     method_models=("voxnet",),
-    real_passes=2_400,
+    real_passes=2_880,
 )
 
 
