@@ -22,7 +22,7 @@ STAGES = (
     ("check", "zbuf_occlude.datasets.pipeline:check"),
     ("gather", "zbuf_occlude.datasets.shard:RecordShard.keep"),
     ("write", "zbuf_occlude.datasets.shard:RecordShard.write"),
-    ("finish", "zbuf_occlude.datasets.generate:finish"),
+    ("finish", "zbuf_occlude.datasets.generate:finish_dataset"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 

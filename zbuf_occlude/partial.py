@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.base.arrays import LARGEST, FloatArray, IntArray, as_flag, as_number, as_numbers
 from zbuf_occlude.base.errors import ArgumentError, MeshError, check_choice, check_int
 from zbuf_occlude.base.provenance import generator
-from zbuf_occlude.datasets.records import draw
+from zbuf_occlude.datasets.records import draw_points
 from zbuf_occlude.geometry.camera import field_of_view, picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
@@ -320,7 +320,7 @@ def _visible(
         raise MeshError(f"density {density:g} gives no point on an area of {mesh.areas.sum():g}. Raise it.")
     if not n_found:
         raise MeshError(f"No point of mesh {mesh.name} is visible from this view ({n_sampled} sampled).")
-    chosen = draw(np.arange(n_found), None if density is not None else wanted, rng)
+    chosen = draw_points(np.arange(n_found), None if density is not None else wanted, rng)
     return SurfacePoints.joined(parts)[chosen], n_found / n_sampled
 
 
@@ -341,7 +341,7 @@ def _scanned(
             f"The sensor has no return of {mesh.name}, {mesh.longest_side:.4g} m long and {away:.4g} m away. Move it "
             "nearer, or give unit= if the mesh is not in metres."
         )
-    found = found.select(draw(np.arange(len(found)), n_points, rng))
+    found = found.select(draw_points(np.arange(len(found)), n_points, rng))
     colors = None
     if mesh.colors is not None:
         met = found.starts + found.clean_ranges[:, None] * found.directions

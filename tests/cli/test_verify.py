@@ -27,9 +27,9 @@ def dataset(run: Run, modelnet: Path, tmp_path: Path) -> Path:
 def test_a_sound_dataset(run: Run, dataset: Path, modelnet: Path) -> None:
     said = run(f"verify {dataset} {modelnet} --samples 10").out
     assert "2 files, 32 clouds read" in said
-    assert "640 points asked of the oracle: 0.000% are hidden" in said
+    assert "640 points tested by the oracle: 0.000% are hidden" in said
     assert "the dataset is what its manifest says" in said
-    assert "not held against the meshes" in run(f"verify {dataset}").out
+    assert "not compared with the meshes" in run(f"verify {dataset}").out
 
 
 def test_files_of_an_export_are_counted_to_the_last(run: Run, modelnet: Path) -> None:
@@ -44,7 +44,7 @@ def test_files_of_an_export_are_counted_to_the_last(run: Run, modelnet: Path) ->
 @pytest.mark.parametrize("options", ["--frame camera", "--scale mesh", "--format packed"])
 def test_any_frame_scale_and_format(run: Run, modelnet: Path, options: str) -> None:
     run(f"generate {modelnet} --out out {SMALL} {options}")
-    assert "points asked of the oracle: 0." in run(f"verify out {modelnet}").out
+    assert "points tested by the oracle: 0." in run(f"verify out {modelnet}").out
 
 
 @pytest.mark.parametrize(("n_checked", "code"), [(20, 0), (37_000, 1)])
@@ -71,7 +71,7 @@ def test_rounding_is_no_fault_where_faces_are_small(run: Run, tmp_path: Path, mo
     run("convert out --format npz --out again")
     monkeypatch.setattr("zbuf_occlude.datasets.verify.POINTS_PER_CLOUD", 1024)
     for folder in ("out", "again"):
-        assert "points asked of the oracle: 0.000% are hidden" in run(f"verify {folder} ball.off").out
+        assert "points tested by the oracle: 0.000% are hidden" in run(f"verify {folder} ball.off").out
 
 
 @pytest.mark.parametrize(

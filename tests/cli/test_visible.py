@@ -80,7 +80,7 @@ def test_normals_and_colours(run: Run, tmp_path: Path, suffix: str) -> None:
 @pytest.mark.usefixtures("plates")
 def test_it_is_said_that_there_are_no_colours(run: Run) -> None:
     outcome = run("visible plates.off --with=colors --elevation=30 --method=oracle --out cloud.ply")
-    assert outcome.err == "warning: plates.off has no colours, or not for all faces; there points are grey\n"
+    assert outcome.err == "warning: plates.off has no colours for some faces; points there are grey\n"
 
 
 @pytest.mark.needs("open3d")

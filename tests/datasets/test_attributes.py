@@ -40,7 +40,7 @@ def plan(format: str, load: Callable[[], Mesh] = painted, **config: object) -> P
     drawn = {name: value for name, value in row.options.items() if name in ("views", "sample_size", "scale")}
     settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **config}
     made = DatasetConfig(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
-    label = "table" if row.classes else "cube"
+    label = "table" if row.class_list else "cube"
     entries = [MeshEntry(f"cube/{split}/cube_{split}", label, split, load) for split in ("train", "test")]
     return Plan(MeshCollection(entries), made, format)
 

@@ -42,7 +42,7 @@ def slab() -> Mesh:
 
 
 def collection(format: str) -> MeshCollection:
-    listed = {"airplane": "bed", "arm chair": "chair"} if find_format(format).classes else {}
+    listed = {"airplane": "bed", "arm chair": "chair"} if find_format(format).class_list else {}
     return MeshCollection(MeshEntry(key, listed.get(label, label), split, slab) for key, label, split in MESHES)
 
 

@@ -39,7 +39,7 @@ def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: st
 
 @pytest.mark.parametrize("format", [row.name for row in FORMATS if not row.options])
 def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_path: Path, format: str) -> None:
-    out, plan = tmp_path / "out", replace(PLAN, format=format, meshes=find_format(format).select(PLAN.meshes))
+    out, plan = tmp_path / "out", replace(PLAN, format=format, meshes=find_format(format).choose_meshes(PLAN.meshes))
     generate(plan, out)
     assert partition_files(out, plan)[1] == []
     others = (

@@ -5,7 +5,7 @@ import os
 import random
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -94,12 +94,12 @@ def killed_after(n_jobs: int) -> Callable[[Task, list[Any], Done], None]:
     def run(task: Task, jobs: list[Any], done: Done) -> None:
         left = n_jobs
 
-        def stop(job: Any, result: object) -> Iterable[Any]:
+        def stop(job: Any, result: object) -> None:
             nonlocal left
             if not left:
                 raise Killed
             left -= 1
-            return done(job, result)
+            done(job, result)
 
         run_here(task, jobs, stop)
 
@@ -111,7 +111,7 @@ def shuffled(task: Task, jobs: list[Any], done: Done) -> None:
     rng, left = random.Random(3), list(jobs)
     while left:
         job = left.pop(rng.randrange(len(left)))
-        left.extend(done(job, task.do(job, None)))
+        done(job, task.do(job, None))
 
 
 def test_same_files_in_any_order_and_by_any_number_of_machines(

@@ -9,7 +9,14 @@ from scipy import stats
 from tests.scenes import box
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, Views, sample_surface
 from zbuf_occlude.datasets.plan import DatasetConfig
-from zbuf_occlude.datasets.records import ALL, draw, draw_visible, farthest_points, gather_clouds, unit_box_transform
+from zbuf_occlude.datasets.records import (
+    ALL,
+    draw_points,
+    draw_visible,
+    farthest_points,
+    gather_clouds,
+    unit_box_transform,
+)
 from zbuf_occlude.views import ring
 
 SEED = np.uint64(12345)
@@ -32,14 +39,14 @@ def half_mask(points: SurfacePoints) -> np.ndarray:
 
 
 def test_draw_takes_each_point_once_when_there_are_enough() -> None:
-    chosen = draw(np.arange(100, 200), 60, np.random.default_rng(0))
+    chosen = draw_points(np.arange(100, 200), 60, np.random.default_rng(0))
     assert len(set(chosen)) == 60
     assert set(chosen) <= set(range(100, 200))
     assert (np.diff(chosen) < 0).any(), "the order must be random: loaders take the first n"
 
 
 def test_draw_repeats_only_when_there_are_fewer_and_drops_none() -> None:
-    chosen = draw(np.array([4, 7, 9]), 10, np.random.default_rng(0))
+    chosen = draw_points(np.array([4, 7, 9]), 10, np.random.default_rng(0))
     assert len(chosen) == 10
     assert set(chosen) == {4, 7, 9}
 

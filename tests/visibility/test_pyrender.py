@@ -124,9 +124,9 @@ def test_a_killed_process_is_one_clear_error_and_the_next_works(torus: PyrenderO
     points = zo.sample_surface(TORUS, n_points=10, seed=0)
     occluder = pyrender.prepare(TORUS)
     os.kill(process_of(occluder).pid, signal.SIGKILL)
-    with pytest.raises(zo.GlError, match=r"process ended by signal 9\. Prepare the mesh again"):
+    with pytest.raises(zo.GlError, match=r"process was killed by SIGKILL\. Prepare the mesh again"):
         occluder.visible(points, EYES)
-    with pytest.raises(zo.GlError, match=r"An earlier error ended pyrender's process\. Prepare the mesh again"):
+    with pytest.raises(zo.GlError, match=r"process was ended by an earlier error\. Prepare the mesh again"):
         occluder.visible(points, EYES)
     assert process_of(occluder).returncode == -signal.SIGKILL  # waited for: no zombie
     occluder.close()
@@ -138,7 +138,7 @@ def test_a_silent_process_is_not_waited_for_for_ever(torus: PyrenderOccluder, mo
     occluder = pyrender.prepare(TORUS)
     os.kill(process_of(occluder).pid, signal.SIGSTOP)
     monkeypatch.setattr(pyrender, "TIMEOUT", 0.2)
-    with pytest.raises(zo.GlError, match=r"process did not answer in 0\.2 seconds"):
+    with pytest.raises(zo.GlError, match=r"process timed out after 0\.2 s"):
         occluder.visible(zo.sample_surface(TORUS, n_points=10, seed=0), EYES)
     assert process_of(occluder).returncode == -signal.SIGKILL
 

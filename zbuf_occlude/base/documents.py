@@ -61,7 +61,7 @@ class Number:
         Raises
         ------
         OptionError
-            It is not a number, of another shape, or out of bounds; `name` starts the message.
+            The value is not a number, has another shape, or is out of bounds; `name` starts the message.
         """
         try:
             array = np.asarray(_floats(value, depth=3), dtype=np.float64)

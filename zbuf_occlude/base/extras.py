@@ -1,14 +1,15 @@
 """Optional packages, imported on use, and messages with the remedy where one is missing or broken."""
 
 import re
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import CDLL
+from importlib import import_module
 from importlib.util import find_spec
 from traceback import walk_tb
 
+from zbuf_occlude.base.child import ChildFailed, call_in_child
 from zbuf_occlude.base.errors import OccludeError, UnavailableError
 
 EXTRAS = {
@@ -118,15 +119,16 @@ def culprit(error: ImportError) -> str:
 
 def tried(package: str, module: str) -> str:
     """Return a message if a package, or a module that needs it, cannot be imported by a child process; else ""."""
-    program = (
-        f"from zbuf_occlude.base.extras import importing\nwith importing({package!r}, ''): import {package}, {module}"
-    )
-    command = [sys.executable, "-P", "-c", program]
     try:
-        child = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
-    except subprocess.TimeoutExpired:
-        return f"needs the package {package}; its import did not end in {_TIMEOUT:g} seconds"
-    if child.returncode == 0:
-        return ""
-    last_line = (child.stderr.strip().splitlines() or [f"the process ended with code {child.returncode}"])[-1]
-    return last_line.removeprefix(f"{UnavailableError.__module__}.{UnavailableError.__name__}:").strip()
+        call_in_child(_import, package, module, timeout=_TIMEOUT)
+    except UnavailableError as error:
+        return str(error).strip()
+    except ChildFailed as failure:
+        return f"needs the package {package}; a process that imports it {failure}"
+    return ""
+
+
+def _import(package: str, module: str) -> None:
+    with importing(package, ""):
+        import_module(package)
+        import_module(module)

@@ -48,7 +48,7 @@ def columns_of(
 def write_ply(
     path: Path, positions: FloatArray, normals: FloatArray | None = None, colors: NDArray[np.uint8] | None = None
 ) -> None:
-    """Write a cloud (n, 3) as little-endian binary PLY: float64, so that nothing is lost, float32 and uint8."""
+    """Write a cloud (n, 3) as little-endian binary PLY: positions float64, normals float32, colours uint8."""
     write_table(path, columns_of(positions, normals, colors))
 
 

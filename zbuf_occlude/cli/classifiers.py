@@ -123,7 +123,7 @@ def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Pa
     SPLIT/CLASS/FILE (.ply, .pcd, .bin, .npy, .npz). A folder without splits is tested whole. Its classes must be among
     those of the training. The same number of points per cloud is used as in training.
 
-    Scores have 95 % intervals by bootstrap: whole sweeps of real scans, or whole objects, are drawn anew.
+    Scores have 95 % intervals by bootstrap: whole sweeps of real scans, or whole objects, are resampled.
 
     \b
     Writes into --out:

@@ -35,7 +35,7 @@ REPLACED = {
     "frame": ("axes",),
     "format": ("overlap",),
 }
-"""Options of a file that do not count beside a typed option of another value: they exclude it, or were of the other."""
+"""Options of a file that another value of a typed option replaces: they exclude it, or belong to the file's value."""
 
 
 class ConfigurableCommand(Command):
@@ -62,7 +62,7 @@ class ConfigurableCommand(Command):
 
 
 def _name_of(parameter: click.Parameter) -> str:
-    """Return the name of an option as it is typed, without dashes before it; that of an argument."""
+    """Return the name of an option as it is typed, without leading dashes; or the name of an argument."""
     return parameter.opts[0].lstrip("-") if isinstance(parameter, click.Option) else str(parameter.name)
 
 

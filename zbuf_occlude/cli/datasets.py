@@ -99,7 +99,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
     """Finish DIR when all shares of it are made: lists of files, picture and manifest.
 
     `zbuf-occlude generate --shard I/N` writes the files of its shards itself; nothing is merged. The complete clouds
-    that a preset makes beside are finished too. Of a layout of others (`--format pcn`) this exports the files.
+    that a preset makes too are finished as well. The files of a published layout (`--format pcn`) are exported.
 
     `zbuf-occlude generate` without --shard does this itself.
 
@@ -123,7 +123,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @click.option("--up", type=Name(["z", "y"]), help="Up axis of the files.  [default: as the dataset was made]")
 @click.option("--unit", type=Name(list(UNITS)), help="Unit of the files.  [default: as the dataset was made]")
-@click.option("--samples", type=click.IntRange(1), default=50, help="Clouds held against their meshes.")
+@click.option("--samples", type=click.IntRange(1), default=50, help="Number of clouds compared with their meshes.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
 @click.pass_context
@@ -141,8 +141,8 @@ def verify_command(
     """Verify the finished dataset in DIR: checksums, counts, readability; and some clouds against their meshes.
 
     Give the meshes the dataset was made of; built-in shapes are known. Their classes and splits are those that it was
-    made with. Occluded clouds are asked of the oracle, scans are made again, complete clouds must cover the surface.
-    Complete clouds that a preset made are verified too. Exit code 1 when something is not sound.
+    made with. The oracle tests points of occluded clouds, scans are made again, complete clouds must cover the surface.
+    Complete clouds that a preset made are verified too. Exit code 1 when a fault is found.
 
     \b
     Example:
@@ -162,7 +162,7 @@ def check(
     run: Run,
     share: tuple[int, int],
 ) -> bool:
-    """Verify one folder, of meshes in a `frame` of axis and unit, and say what was found; True when it is sound."""
+    """Verify one folder and print the findings; return True without faults. `frame` is the meshes' axis and unit."""
     plan, _ = read_finished(folder)
     collection = None
     if meshes:
@@ -182,7 +182,7 @@ def check(
         verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=show)
     echo(f"{verdict.n_files} files, " + (f"{verdict.n_clouds} clouds read" if verdict.n_clouds else "checksums read"))
     if verdict.false_visible is not None:
-        echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+        echo(f"{verdict.n_checked} points tested by the oracle: {verdict.false_visible:.3%} are hidden")
     elif plan.config.complete and verdict.n_checked:
         spread = "not all on the surface, or not all over it" if verdict.faults else "on the surface, and all over it"
         echo(f"{verdict.n_checked} points of complete clouds: {spread}")
@@ -190,7 +190,7 @@ def check(
         same = "not all the same" if verdict.faults else "the same"
         echo(f"{verdict.n_checked} points scanned again: {same}")
     elif collection is None:
-        echo("not held against the meshes: give those the dataset was made of")
+        echo("not compared with the meshes: give those the dataset was made of")
     for fault in verdict.faults:
         echo(f"fault: {fault}", err=True)
     if verdict.faults:
@@ -218,13 +218,13 @@ def convert_command(context: click.Context, /, folder: Path, format: str, out: P
     """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
 
     From `packed` they are drawn as `generate` would have drawn them, rounded to the packed step. Nothing converts to
-    `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again goes
-    on with what is missing.
+    `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again
+    resumes.
     """
     if idle := explicitly_set(context, ENGINE):
         echo(f"{idle[0]} is not needed: one process converts", err=True)
     source = open_dataset(folder)
-    for remark in find_format(format).select(source.plan.meshes).remarks:
+    for remark in find_format(format).choose_meshes(source.plan.meshes).remarks:
         echo(remark, err=True)
     total = sum(source.n_clouds.values())
     with progress_bar(total, "clouds", "convert") as bar:

@@ -13,7 +13,7 @@ from zbuf_occlude.sensors.scenes.sizes import FILE
 
 
 def taken_as(entries: Sequence[MeshEntry], up: str | None, unit: str | None, lengths: str = "") -> str:
-    """Return a text on the up axis and the unit of the files of some meshes; "" where none is of a file.
+    """Return a text on the up axis and the unit of the files of some meshes; "" where none is from a file.
 
     `lengths` is the text on lengths where they do not follow from the files.
     """

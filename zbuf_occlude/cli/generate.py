@@ -261,7 +261,7 @@ def generate_command(
         limit,
         unit=unit,
         out=out,
-        choose=lambda meshes: choose(row.select(meshes)),
+        choose=lambda meshes: choose(row.choose_meshes(meshes)),
         shapes=shapes,
         colors="colors" in options["attributes"] or bool(scan and scan.transparent),
         divide=None if options["split"] is None else lambda meshes: meshes.divided(options["split"], options["seed"]),
@@ -272,7 +272,8 @@ def generate_command(
     for remark in missing_splits(collection, options["split"], context.params["splits"]):
         echo(remark, err=True)
     warn_of_lying(collection, up)
-    check_sizes(scan, collection)
+    if scan is not None:
+        check_sizes(scan, collection)
     made = DatasetConfig(
         method=method,
         reason=choice.reason,
@@ -306,7 +307,7 @@ def generate_command(
         COMPILING.total = n_functions(plan.config)
         warm_up_jit(plan.config)
     share = share_of(shard)
-    failed = [make(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
+    failed = [make_dataset(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
     if any(failed):
         raise SystemExit(SOME_FAILED)
 
@@ -338,7 +339,7 @@ def report_plans(plans: Sequence[tuple[Plan, Path]], overwrite: bool, require_gp
         echo(f"not on this machine: {missing}")
 
 
-def make(
+def make_dataset(
     plan: Plan,
     out: Path,
     run: Run,

@@ -182,12 +182,12 @@ def write_part(
 def warn_of_missing_colors(path: Path, mesh: Mesh) -> None:
     """Warn where colours were read and some faces have none."""
     if mesh.colors is not None and not mesh.colors.is_whole:
-        reason = "; ".join(mesh.colors.lacking) or "has no colours, or not for all faces; there points are grey"
+        reason = "; ".join(mesh.colors.lacking) or "has no colours for some faces; points there are grey"
         echo(f"warning: {path} {reason}", err=True)
 
 
 def warn_of_lenses(views: Views) -> None:
-    """Warn that meshes ignore directions and fields of view of cameras."""
+    """Warn that directions and fields of view of cameras are ignored."""
     if views.fov_bounds is not None:
         echo("warning: only positions of cameras count here, not their directions or fields of view.", err=True)
 
@@ -310,7 +310,7 @@ def write_exr(path: Path, depths: FloatArray) -> None:
 @click.option("--views", default="paper100", help=VIEWS)
 @distance_option
 @click.option("--coverage", is_flag=True, help="Measure the fraction of the surface that the views see.")
-@click.option("--order", is_flag=True, help="Best order of the views: next, the one that adds most.")
+@click.option("--order", is_flag=True, help="Order the views: next comes the one that adds most.")
 @sensor_options(None)
 @click.option(
     "--min-density",
@@ -345,10 +345,10 @@ def views_command(
 ) -> None:
     """List the views of MESH, and with --coverage the fraction of the surface that each sees.
 
-    "gain" is the fraction that a view sees and none above it, "together" what it and those above it see: the coverage
-    of a rig. With --order the best views come first: the first rows of the CSV are a rig. Visibility is exact; the
-    sampling error is at most 0.4 % of the surface for 20,000 points. A --sensor sees what is within its field of view,
-    range and incidence; it needs lengths in metres, of glTF or by --unit.
+    "gain" is the fraction that a view sees and no view above it. "together" is the fraction that a view and those above
+    it see: the coverage of a rig. With --order the best views come first: the first rows of the CSV are a rig.
+    Visibility is exact; the sampling error is at most 0.4 % of the surface for 20,000 points. A --sensor sees what is
+    within its field of view, range and incidence; it needs lengths in metres, of glTF or by --unit.
 
     \b
     Examples:

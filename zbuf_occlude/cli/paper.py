@@ -64,7 +64,7 @@ def paper_command() -> None:
 def derived(
     old: click.Command, name: str, options: Collection[str], run: Callable[..., Any], text: str
 ) -> click.Command:
-    """Return a command of `paper` with some `options` of an `old` command; it calls `run` with its name and them."""
+    """Return a command of `paper` that calls `run` with its name and with some `options` of an `old` command."""
     params = [parameter for parameter in old.params if parameter.name in options]
     return Command(name, params=params, callback=partial(run, name), help=text)
 

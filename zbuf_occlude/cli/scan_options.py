@@ -180,12 +180,12 @@ def parse_sensor(name: str, settings: Settings) -> Sensor:
     return sensor
 
 
-def check_sizes(scan: ScanConfig | None, collection: MeshCollection) -> None:
+def check_sizes(scan: ScanConfig, collection: MeshCollection) -> None:
     """Raise OptionError for a size of an unknown class, or a range that lies within an object.
 
     A range that only begins within an object is reported.
     """
-    if scan is None or isinstance(scan.size, str):
+    if isinstance(scan.size, str):
         return
     known = {*collection.classes, *SIZES, ALL}
     if unknown := [label for label in scan.size if label not in known]:
@@ -205,9 +205,9 @@ def check_sizes(scan: ScanConfig | None, collection: MeshCollection) -> None:
         echo(f"the range starts at half the object's size for: {', '.join(large)}", err=True)
 
 
-def overruled(scan: ScanConfig | None, views: Views) -> Iterator[str]:
+def overruled(scan: ScanConfig, views: Views) -> Iterator[str]:
     """Yield a text where the elevations of views do not count: for a LiDAR mounted above the ground."""
-    if scan is None or views.rotations is not None:
+    if views.rotations is not None:
         return
     name = scan.sensor.name
     if scan.height is not None and (np.abs(views.elevation) > 1e-9).any():

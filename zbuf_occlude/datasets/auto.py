@@ -22,9 +22,9 @@ LOOKED_AT = 8
 """Number of meshes of a collection that are loaded to estimate the size of all."""
 
 LARGE = 1 << 24
-"""Bytes. A larger file is not loaded only to be looked at."""
+"""Maximum size of a file that is loaded for the estimate, bytes."""
 PATIENCE = 10.0
-"""Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
+"""Timeout of loading a mesh for the estimate, seconds."""
 TRIED_VIEWS, DENSE = "modelnet8", 20_000
 """Views of a trial, and its points where the configuration gives a density."""
 
@@ -38,7 +38,7 @@ class Choice:
 
 
 def by_default() -> Choice:
-    """Choose where no method was named: `depth_buffer`, or `exact`, with the reason, where no OpenGL context opens."""
+    """Choose the default method: `depth_buffer`; or `exact`, with the reason, where no OpenGL context opens."""
     from zbuf_occlude.engines.gl.context import GlContext  # late: nothing touches GL before it must
 
     try:
@@ -58,15 +58,15 @@ def remark_on_renderer(method: str) -> str:
     try:
         with GlContext.open() as gl:
             return explain_software_fallback(gl.renderer)
-    except GlError:  # who opens it in earnest says why not
+    except GlError:  # the run itself reports the reason
         return ""
 
 
 def resolve(config: DatasetConfig, meshes: MeshCollection) -> DatasetConfig:
     """Replace the method `auto` by a choice for this machine; leave any other configuration as it is.
 
-    On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
-    may too: name the method there. Options for a method that is not yet known are an OptionError.
+    On a GPU both candidates are timed on one of up to `LOOKED_AT` meshes. Nodes of a cluster that differ may choose
+    differently: name the method there. Options with the method `auto` are an OptionError.
     """
     if config.method != AUTO:
         return config
@@ -81,9 +81,9 @@ def resolve(config: DatasetConfig, meshes: MeshCollection) -> DatasetConfig:
 
 
 def gain_on_gpu(config: DatasetConfig, meshes: MeshCollection) -> float:
-    """Return how many times as fast as `exact` `exact_gl` answers on this machine's GPU; 0 where there is none.
+    """Return the speed of `exact_gl` on this machine's GPU over that of `exact`; 0 without a GPU.
 
-    Both are asked, after a smaller question that compiles, about the mesh of middling size of a few.
+    Both are timed on the median mesh by size of a few, after a smaller call that compiles.
     """
     from zbuf_occlude.engines.gl.context import GlContext  # late: only this choice touches GL
 

@@ -16,7 +16,7 @@ FEW = LEAST_POINTS
 
 
 class Blank(NamedTuple):
-    """The views of a mesh that give no cloud: how many, and of the first which it is and why."""
+    """The views of a mesh that give no cloud: their number, and the index and the reason of the first."""
 
     n_views: int
     variation: int
@@ -50,23 +50,23 @@ class QualityCounts:
     n_raised: int = 0  # cameras that would stand below the ground
     n_with_repeats: int = 0  # clouds with fewer visible points than they hold
     n_few: int = 0  # clouds of fewer than `FEW` distinct visible points
-    n_returns: int = 0  # of the objects that are scanned, within the sensor's limits of range or not
-    n_too_near: int = 0  # of them those nearer than the sensor measures
+    n_returns: int = 0  # returns of the scanned objects, within the sensor's limits of range or not
+    n_too_near: int = 0  # of these, returns nearer than the sensor measures
     n_too_far: int = 0
     clear_range: float = 0.0  # metres, from which on none would be too near
-    n_checked: int = 0  # pairs of view and point asked again of the oracle
-    false_visible: int = 0  # of them those that a method shows and the oracle hides
+    n_checked: int = 0  # pairs of view and point checked by the oracle
+    false_visible: int = 0  # of these, pairs that the method shows and the oracle hides
     false_hidden: int = 0
     n_views_checked: int = 0
-    n_bad_views: int = 0  # of these the views of whose points more than `BAD_VIEW` were wrong
+    n_bad_views: int = 0  # of these, views with a larger share of wrong points than `BAD_VIEW`
     worst: WorstView | None = None
-    n_without_colors: int = 0  # meshes of which colours are wanted and some are lacking
-    n_with_far_faces: int = 0  # meshes of which a few faces make the contact tolerance large for all others
+    n_without_colors: int = 0  # meshes that lack some of the colours asked for
+    n_with_far_faces: int = 0  # meshes with a few faces that make the contact tolerance large for all others
     n_without_windows: int = 0  # meshes that have none of the windows asked for
     faces_dropped: Mapping[str, int] = field(default_factory=dict)  # by cleaning, for each reason
 
     def __add__(self, other: "QualityCounts") -> "QualityCounts":
-        """Return the counts of both; of equally bad views or meshes the first."""
+        """Return the sums of both counts; the first of equally bad views or meshes stays the worst."""
         added: dict[str, Any] = {}
         for name in (each.name for each in fields(self)):
             mine, theirs = getattr(self, name), getattr(other, name)
@@ -111,7 +111,7 @@ class QualityCounts:
 
     @property
     def cut(self) -> dict[str, Any] | None:
-        """Shares of the objects' returns beyond the sensor's limits of range; None where nothing was scanned."""
+        """Shares of the objects' returns beyond the sensor's limits of range; None without scans."""
         if not self.n_returns:
             return None
         shares = {name: getattr(self, f"n_{name}") / self.n_returns for name in ("too_near", "too_far")}
@@ -135,7 +135,7 @@ def interval(n_wrong: int, n: int) -> tuple[float, float]:
 
 
 def _share_of_tail(most: int, n: int, probability: float) -> float:
-    """Return the share at which at most `most` of `n` are wrong with that probability; by halving."""
+    """Return the share at which at most `most` of `n` are wrong with a given probability, by bisection."""
     i = np.arange(most)
     log_ways = np.concatenate([[0.0], np.cumsum(np.log(n - i) - np.log(i + 1.0))])  # of choosing 0, 1, ..., most
     wrong = np.arange(most + 1)

@@ -25,11 +25,11 @@ from zbuf_occlude.meshes.collection import SPLITS
 
 PLAN, MANIFEST = "plan.json", "manifest.json"
 SHARDS = "shards"
-"""Folder of the sidecars of shards; and of their files, where an export is made of these."""
+"""Folder of the sidecars of shards, and of the files of shards that are exported."""
 WORK = "work"
 """Folder of an unfinished export."""
 EXPORT_NAMES = "export.json"
-"""File of the work folder that lists what an export writes, or has written before it was found damaged."""
+"""File in the folder `WORK` that lists the files of an unfinished or damaged dataset."""
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 ORIGINAL = "original"
@@ -39,8 +39,8 @@ PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourse
 """Remedy of a damaged plan. Only the plan says which files are the dataset's, so nothing is deleted."""
 
 Kinds = dict[str, Any]
-"""Schema of a JSON object: for each name the kind of its value, which is a type or types, the `Kinds` of an object in
-it, an `Each`, or a list of the kinds of a list's values."""
+"""Schema of a JSON object: the kind of each value, by name. A kind is a type or types, the `Kinds` of an inner object,
+an `Each`, or a list with a kind for each value."""
 
 
 class Each(NamedTuple):
@@ -181,7 +181,7 @@ def has_size(path: Path, n_bytes: int) -> bool:
 
 
 def damaged(out: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """Return the files of a finished dataset that are missing or have not the size that they were written with."""
+    """Return the files of a finished dataset that are missing or have another size than when they were written."""
     return [name for name, n_bytes in sorted(manifest["bytes"].items()) if not has_size(out / name, n_bytes)]
 
 
@@ -256,7 +256,7 @@ def claim_folder(plan: Plan, out: Path, command: Mapping[str, Any] = MappingProx
 def locked(out: Path, *, shared: bool = False, wait: bool = False) -> Iterator[None]:
     """Hold a folder for this run alone, or for the shares of a dataset; the lock ends with the process at the latest.
 
-    Another run is waited for with `wait`, else a DatasetError.
+    Another run is waited for with `wait`. Without it, another run is a DatasetError.
     """
     out.mkdir(parents=True, exist_ok=True)
     try:
@@ -277,7 +277,8 @@ def locked(out: Path, *, shared: bool = False, wait: bool = False) -> Iterator[N
             except OSError:  # a file system without locks
                 yield
                 return
-            held = path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))  # else it was another's end
+            # the run that held the lock removes its file
+            held = path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))
             if held:
                 try:
                     yield
@@ -299,8 +300,8 @@ def remove(out: Path) -> None:
             own, _ = partition_files(folder, plan)
             names = f"{WORK}/{EXPORT_NAMES}"
             remove_files(folder, [name for name in own if name not in (PLAN, LOCK, names)])
-            remove_files(folder, [names, f"{WORK}/"])  # last but one: until then all files are known to be ours
-            (folder / PLAN).unlink()  # last: until then the folder is
+            remove_files(folder, [names, f"{WORK}/"])  # they show which files are ours until all others are removed
+            (folder / PLAN).unlink()  # last: it shows that the folder is ours
     with suppress(OSError):
         (out / ORIGINAL).rmdir()
 

@@ -27,16 +27,16 @@ from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_clou
 from zbuf_occlude.views import Views
 
 if find_spec("PIL") is not None:
-    import_module("PIL.ImageDraw")  # while workers begin, not in the end, when nothing else is done
+    import_module("PIL.ImageDraw")  # imported while workers start, so that nothing waits for it at the end
 
 COLUMNS = 8
 """Clouds of the contact sheet."""
 LOOKED_THROUGH, CONSIDERED = 256, 2048
-"""Clouds of each split among which those of the sheet, and of the gallery, are chosen."""
+"""Number of clouds of each split from which those of the sheet and of the gallery are chosen."""
 FIXED = Views(np.radians([35.0]), np.radians([25.0]), np.array([4.0])).eyes[0]
 """The fixed viewpoint, about a cloud whose longest side is 1."""
 TELLING_ANGLE = np.radians(115.0)
-"""Between camera and fixed viewpoint: far enough round to show that the far side is missing."""
+"""Preferred angles between camera and fixed viewpoint: the missing far side shows."""
 PANEL, TITLE = 240, 26
 """Pixels of a cloud's picture, each side, and of the height of a line above it."""
 MARGIN = 1.08
@@ -51,8 +51,8 @@ COMPLETE_POINTS = 2048
 """Number of points drawn of a complete cloud."""
 
 RADIUS = 0.55
-"""Distance of the farthest point from a cloud's centre, in the viewer's units: whichever way it is turned, a tile shows
-it whole."""
+"""Distance of the farthest point from a cloud's centre, in the viewer's units. A tile shows a cloud whole however it is
+turned."""
 VIEWS, POINTS = 6, 2048
 """Clouds of each class in the gallery, and at most this many points of each."""
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
@@ -194,7 +194,7 @@ def _complete_cloud(record: Any, source: CloudReader) -> FloatArray:
 def hidden_part(record: Any, source: CloudReader) -> FloatArray:
     """Return points (m, 3) of a cloud's object that its camera does not see, in the object's axes.
 
-    Where it is not kept which points are hidden, they are those of the complete cloud, or none.
+    Where the dataset does not keep hidden points, they are those of the complete cloud, or none.
     """
     if source.block is None or source.plan.config.scan is not None:
         return _complete_cloud(record, source)[:GHOST_POINTS]
@@ -264,7 +264,7 @@ def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], fol
 
 
 def _far_apart(records: Records, towards: FloatArray) -> Records:
-    """Choose clouds of the object of a class that has the most here, from directions far apart, highest first."""
+    """Choose clouds of the object of a class with the most clouds, from directions far apart, highest first."""
     meshes, counts = np.unique(records["mesh_id"], return_counts=True)
     mine = records["mesh_id"] == meshes[counts.argmax()]
     own, towards = records[mine], towards[mine]
@@ -315,7 +315,7 @@ def _seen(n_visible: int, visible_fraction: float, source: CloudReader) -> str:
 
 
 def _colourings(record: Any) -> dict[str, Any]:
-    """Return for each thing that points may be coloured by their codes and what these look like."""
+    """Return the codes of points and the legend of the codes, for each way to colour points."""
     found, names = {}, record.dtype.names
     if "color" in names:
         levels = np.round(record["color"][:POINTS] / 255.0 * (np.array(LEVELS) - 1)).astype(int)

@@ -85,11 +85,11 @@ def generate(
     ----------
     plan : Plan
     out : Path
-        Made when missing. A folder with the same plan is resumed: what is done is not made again.
+        Created where missing. A folder with the same plan is resumed.
     run : callable, optional
         Engine that does the jobs; `run_here`, in this process, by default.
     overwrite : bool
-        Remove a dataset that is in the folder first; with anything else in it, nothing is removed and it is an error.
+        Remove the dataset in the folder first. Other files in it are an error, and nothing is removed.
     retry_failed : bool
         Make the shards again in which a mesh failed.
     share : (int, int)
@@ -97,12 +97,12 @@ def generate(
     command : mapping
         Options of the command line, by name, for the manifest: `generate --config` reads them from there.
     progress : callable
-        Called with the number of clouds planned in each shard that is done, those of a run before at once.
+        Called with the number of planned clouds of each shard that is done, at once for shards of an earlier run.
 
     Returns
     -------
     dict
-        The manifest; of a share of the dataset, {}.
+        The manifest; {} for a share of the dataset.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def generate(
     GlError
         The method needs GL and there is none.
     OptionError, UnavailableError
-        The format cannot hold such a plan, or not here.
+        The format cannot hold such a plan, or lacks a package here.
     """
     find_format(plan.format).check(plan)
     if overwrite and share != (0, 1):
@@ -144,13 +144,12 @@ def generate(
             unfinish(out)
         began, shards = time.perf_counter(), range(share[0], len(plan.shards), share[1])
 
-        def done(job: int, result: Any = None) -> tuple[int, ...]:
+        def done(job: int, result: Any = None) -> None:
             progress(len(plan.shards[job]) * plan.clouds_per_mesh)
-            return ()
 
         if jobs := list(_unfinished(plan, out, shards, retry_failed, done)):
             (run or run_here)(GenerateTask(plan, out), jobs, done)
-        return finish(plan, out, time.perf_counter() - began) if share == (0, 1) else {}
+        return finish_dataset(plan, out, time.perf_counter() - began) if share == (0, 1) else {}
 
 
 def merge(plan: Plan, out: Path) -> dict[str, Any]:
@@ -160,7 +159,7 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
     """
     with locked(out, wait=True):
         if (finished := read_manifest(out)) is None:
-            return finish(plan, out, 0.0)
+            return finish_dataset(plan, out, 0.0)
         if lost := damaged(out, finished):
             raise DatasetError(
                 f"{out / lost[0]} must be as it was written; it is missing or damaged. Make it again: the same "
@@ -170,7 +169,7 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
 
 
 def _faults(plan: Plan, manifest: Mapping[str, Any], out: Path, retry_failed: bool) -> list[str]:
-    """Return why parts of a finished dataset are made again; DatasetError where the size of a mesh has changed."""
+    """Return the reasons to make parts of a finished dataset again; DatasetError where a mesh has another size."""
     check_sources(plan.meshes, manifest, out)
     faults = [f"{out / name} is missing or damaged, and is made again" for name in damaged(out, manifest)]
     return faults + [f"{key}, which failed, is tried again" for key in manifest["failures"] if retry_failed]
@@ -195,7 +194,7 @@ def _unfinished(
         yield number
 
 
-def finish(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
+def finish_dataset(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
     """Write what belongs to the whole dataset, the manifest last; return the manifest.
 
     Parameters
@@ -226,7 +225,7 @@ def finish(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
 
 
 def _nothing_made(plan: Plan, whole: ShardReport) -> str:
-    """Return why there is no cloud, and what to do."""
+    """Return the reason why there is no cloud, and the remedy."""
     scan = plan.config.scan
     if whole.failures:
         why = next(iter(whole.failures.values()))
@@ -241,10 +240,10 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
 
     ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
     oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
-    in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` says what each mesh was made of,
-    ``blank_views`` has the meshes of which views give no cloud, ``left_out`` those without any, and
-    ``scans_of_too_few_points`` counts those left out for `ScanConfig.least_points`, ``cut_by_range`` the
-    shares of the objects' returns beyond the sensor's limits.
+    in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` has the source of each mesh.
+    ``blank_views`` has the meshes with views that give no cloud, ``left_out`` the meshes without any cloud.
+    ``scans_of_too_few_points`` counts scans left out for `ScanConfig.least_points`. ``cut_by_range`` has the shares of
+    the objects' returns beyond the sensor's limits.
     """
     counts = whole.counts
     return {
@@ -280,7 +279,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
         "left_out": {key: blank.said for key, blank in whole.blank.items() if blank.n_views == plan.clouds_per_mesh},
         "cut_by_range": counts.cut,
         "origins": {key: source.to_dict() for key, source in whole.sources.items()},
-        # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
+        # maximum error of positions along each axis, in longest sides; that of float32 is far smaller
         "rounding": 0.5 / QUANT_LEVELS if find_format(plan.format).keeps_points else 0.0,
         "error": counts.error,
         "seconds": {"making": round(seconds, 3), "workers": round(whole.seconds, 3)},
@@ -288,7 +287,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
 
 
 def progress_of(plan: Plan, out: Path) -> dict[str, Any]:
-    """Return how far a dataset is that is not finished, as plain data for `zbuf-occlude status`."""
+    """Return the progress of an unfinished dataset, as plain data for `zbuf-occlude status`."""
     found, again = list[ShardReport](), dict[str, str]()
     for number in range(len(plan.shards)):
         report, fault = read_shard(plan, out, number)

@@ -133,7 +133,7 @@ def pack_mask(mask: BoolArray) -> bytes:
 
 
 def unpack_mask(content: bytes, n_views: int, n_points: int) -> BoolArray:
-    """Return the mask (k, n)."""
+    """Return the packed mask (k, n)."""
     width = -(-n_points // 8)
     _check(content, n_views * width, "visibility bits")
     rows = np.frombuffer(content, np.uint8).reshape(n_views, width)
@@ -141,7 +141,8 @@ def unpack_mask(content: bytes, n_views: int, n_points: int) -> BoolArray:
 
 
 def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
-    """Return the bytes of k scans whose points stand one after the other; `mask` (k, n) says whose each point is."""
+    """Return the bytes of k scans whose points stand one after the other; `mask` (k, n) is True for the points of each
+    scan."""
     of_points: dict[str, NDArray[Any]] = {"position": points.positions, "face_id": points.face_ids, **points.columns}
     offsets = np.cumsum([0, *np.count_nonzero(mask, axis=1)], dtype=np.int64)
     file = io.BytesIO()
@@ -198,7 +199,7 @@ class Shard:
         self._members: list[tuple[str, bytes]] = []
 
     def keep(self, sampling: Sampling, key: str, variation: int) -> tuple[SurfacePoints, bytes, list[int]]:
-        """Return of one sampling of a mesh the points, bits or scans as bytes, and the views that see nothing."""
+        """Return the points of one sampling of a mesh, its bits or scans as bytes, and the views that see nothing."""
         points, mask, views = sampling[:3]
         if not isinstance(points, ScanPoints):
             seen = pack_mask(mask)
@@ -233,7 +234,7 @@ class Shard:
             self._members.append((f"{name}.faces", pack_integers(points.face_ids)))
             self._members.append((f"{name}.{kind}", seen))
             if "normals" in config.attributes:
-                bits = points.normals.astype("<f4").view("<i4")  # whose differences are none along a face
+                bits = points.normals.astype("<f4").view("<i4")  # their differences are 0 along a face
                 self._members.append((f"{name}.normals", pack_integers(bits)))
             if "colors" in config.attributes:
                 self._members.append((f"{name}.colors", pack_integers(colors_of(points))))
@@ -241,7 +242,7 @@ class Shard:
     def write(self, out: Path, shard: int) -> list[FileDigest]:
         """Write the archive; times in it are fixed, so the same clouds give the same bytes."""
 
-        def fill(file: IO[bytes]) -> None:
+        def write_members(file: IO[bytes]) -> None:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
                 for name, content in self._members:
                     member = zipfile.ZipInfo(name)
@@ -252,11 +253,11 @@ class Shard:
         if not self._members:
             path.unlink(missing_ok=True)  # an interrupted run may have left it
             return []
-        return [atomic.write_data(path, fill)]
+        return [atomic.write_data(path, write_members)]
 
 
 class PackedFiles:
-    """The blocks and clouds of packed files, by split; files are opened when they are needed, in each process anew.
+    """The blocks and clouds of packed files, by split; each process opens files when it needs them.
 
     Clouds are numbered in the order of the plan: by mesh, variation, view.
     """

@@ -52,12 +52,12 @@ _LOG = logging.getLogger(__name__)
 class Sampling(NamedTuple):
     """One sampling of a mesh, and the points that each view sees."""
 
-    points: SurfacePoints  # n; of scans those of all views, one after the other
+    points: SurfacePoints  # n points; for scans those of all views, one after the other
     mask: BoolArray  # (k, n): points that each view sees
     views: Views  # k, world units
-    counts: QualityCounts  # of its clouds, and of what was asked again of the oracle
+    counts: QualityCounts  # of its clouds, and of answers checked by the oracle
     renderer: str  # "none" without OpenGL
-    blank: Mapping[int, str] = MappingProxyType({})  # views without a cloud, and why
+    blank: Mapping[int, str] = MappingProxyType({})  # reasons by view without a cloud
 
 
 def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
@@ -118,14 +118,14 @@ def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], conf
 
 
 def count_distinct(positions: FloatArray, enough: int = FEW) -> int:
-    """Count the distinct among some positions (n, 3); `enough` and `FEW` or more where the first have as many."""
+    """Count distinct positions (n, 3), but stop at `enough` and at `FEW`."""
     enough = max(enough, FEW)
     first = len(np.unique(positions[: 4 * enough], axis=0))
     return first if first >= enough or len(positions) <= 4 * enough else len(np.unique(positions, axis=0))
 
 
 def why_no_cloud(capture: Capture, scan: ScanConfig, places: Views, view: int, n_distinct: int) -> str:
-    """Return why a scan of `n_distinct` distinct points, too few of them, gives no cloud."""
+    """Return the reason why a scan of `n_distinct` distinct points gives no cloud."""
     if n_distinct > 1:
         return f"only {n_distinct} distinct points, fewer than --least-points {scan.least_points}"
     if n_distinct == 1:
@@ -257,7 +257,7 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
 def _places(mesh: Mesh, size: float, floor: float, scan: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:
     """Return the positions of the sensor about a mesh that is `size` metres long."""
     views = plan.views_of(key)
-    if views.rotations is not None:  # cameras of a file, which stand where the mesh is
+    if views.rotations is not None:  # cameras of a file, placed in the mesh's coordinates
         eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
         views = Views.from_cameras(eyes, views.rotations, views.fov_bounds, sizes=views.sizes)
     return sensor_views(views, size, floor, scan, seeds)

@@ -49,7 +49,7 @@ DATA_VERSION = 1
 CLOUDS_PER_FILE, FILES_PER_SHARD = 2048, 4
 """Maximum number of clouds of a file, and of full files of a shard."""
 LEAST_SHARDS, FEWEST_PER_SHARD = 64, 256
-"""Number of shards that a dataset is cut into at least, unless its shards would have fewer clouds than this."""
+"""Minimum number of shards of a dataset, unless its shards would have fewer clouds than the second number."""
 SHARD_BYTES = 512 * 2**20
 """Maximum estimated size of a shard, which is made in memory."""
 POINT_BYTES, RETURN_BYTES = 32, 80
@@ -59,8 +59,8 @@ WHOLE_POINT_BYTES, ATTRIBUTE_BYTES, WHOLE_RETURN_BYTES = 10, {"normals": 12, "co
 AREA = 6.0
 """Estimated area of an object whose longest side is 1: that of a cube."""
 PAIRS_CHECKED = 37_000
-"""Number of pairs of view and point of a dataset that are checked by the oracle. Where none of as many is wrong, fewer
-than 0.01 % of all are, with 95 % confidence (`datasets/counts.py`)."""
+"""Number of pairs of view and point of a dataset that are checked by the oracle. If none of these is wrong, fewer than
+0.01 % of all are, with 95 % confidence (`datasets/counts.py`)."""
 
 MODELNET40 = (
     "airplane", "bathtub", "bed", "bench", "bookshelf", "bottle", "bowl", "car", "chair", "cone", "cup", "curtain",
@@ -104,7 +104,7 @@ class DatasetConfig:
     views : str
         A specification of `zbuf_occlude.views.parse`.
     distance : float
-        Of the camera, in longest sides of the object (the paper's 4.1: 4).
+        Distance of the camera, in longest sides of the object (the paper's 4.1: 4).
     farthest : float or None
         Distances are drawn for each object and view, uniformly between `distance` and this one.
     n_points : int or None
@@ -116,7 +116,7 @@ class DatasetConfig:
     sample_size : int or None
         Points of each cloud written; None: all visible ones, as many as there are.
     subset : str
-        Which of a cloud's visible points are written: "random", or "fps": farthest-point sampling.
+        Choice of the visible points that are written: "random", or "fps", farthest-point sampling.
     scale : str
         "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "metres": each
@@ -126,10 +126,10 @@ class DatasetConfig:
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": the camera's frame, its axes by `axes`.
     axes : str
-        Of the camera's frame: "opengl" (x right, y up, the camera looks along -z) or "opencv" (x right, y down, it
+        Axes of the camera's frame: "opengl" (x right, y up, the camera looks along -z) or "opencv" (x right, y down, it
         looks along z).
     attributes : sequence of str
-        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
+        Values of points besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
         Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked,
@@ -137,16 +137,16 @@ class DatasetConfig:
     scan : ScanConfig or None
         A sensor's first hits instead of points on the surface.
     split : (float, float, float) or None
-        Statement of the shares by which the meshes were divided into train, val and test (`MeshCollection.divided`);
+        Shares by which the meshes were divided into train, val and test (`MeshCollection.divided`), for the record.
         None: they have the collection's own splits.
     overlap : (float, float) or None
-        Of two views, for the format pairs: the share of what the one sees that the other sees too, from and to.
+        Bounds of the overlap of two views, for the format pairs: the share of what one sees that the other sees too.
     seed : int
 
     Raises
     ------
     OptionError
-        A value out of range or not one of those there are.
+        A value out of range, or an unknown name.
     UnavailableError
         `subset` needs a package that is missing.
     """
@@ -289,7 +289,7 @@ class Plan:
             object.__setattr__(self, "views", self.config.make_views())
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what workers are sent: the fields, and what is costly to compute again."""
+        """Return the state that workers are sent: the fields, and the properties that are costly to compute."""
         costly = ("classes", "fingerprint", "split_of", "shards")
         return {name: getattr(self, name) for name in (*(each.name for each in fields(self)), *costly)}
 
@@ -408,7 +408,7 @@ class Plan:
         return range(first, end)
 
     def places(self, mesh_ids: Numbers, variations: Numbers, view_ids: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the file of each of some clouds (n,), an index into `files`, and the row there."""
+        """Return the files of clouds (n,), as indices into `files`, and their rows there."""
         files, rows = np.empty(len(mesh_ids), int), np.empty(len(mesh_ids), int)
         shard_of, rank_of = self._ranks
         numbers = rank_of[mesh_ids].astype(int) * self.clouds_per_mesh + variations * len(self.views) + view_ids
@@ -435,7 +435,7 @@ class Plan:
         return Pool(surroundings(self.meshes, given[1]), *given[:2], seed_of(self.config.seed, "pool"), given[2])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the plan as plain data, for plan.json: the config, the positions and every mesh."""
+        """Return the plan as plain data, for plan.json: the configuration, the views and every mesh."""
         converted = {} if self.converted_from is None else {"converted_from": dict(self.converted_from)}
         return converted | {
             "config": self.config.to_dict(),
@@ -503,14 +503,14 @@ def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for key in sorted(then.keys() | now.keys()):
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))
-    elif json.dumps(then) != json.dumps(now):  # a plan that was written down has lists where there were tuples
+    elif json.dumps(then) != json.dumps(now):  # a plan read back has lists in place of tuples
         yield f"{name} was {then!r:.60}, and is {now!r:.60}"
 
 
 def _made_of(converted_from: Mapping[str, str] | None) -> str:
-    """Return in words what the clouds of a dataset are made of: meshes, or another dataset."""
+    """Return the source of a dataset's clouds in words: meshes, or another dataset."""
     return "meshes" if converted_from is None else "the {format} dataset {fingerprint}".format(**converted_from)
 
 
 def _not_loadable(key: str) -> Mesh:
-    raise MeshError(f"{key} must be loaded from where it came; a plan read back only knows its name.")
+    raise MeshError(f"the mesh {key} must be loaded from its collection; a plan read back has only its key.")

@@ -1,4 +1,4 @@
-"""Published datasets as data: which meshes, which options of `generate`, what besides the occluded clouds."""
+"""The table of presets: meshes, options of `generate` and complete clouds of published datasets."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ class Preset:
 
     name: str
     summary: str
-    n_objects: int  # as many as its paper has
+    n_objects: int  # as many as in its paper
     options: Mapping[str, Any]  # defaults of `generate`, by the names of its command line's parameters
     choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved  # picks from all there are
     original: bool = False  # a complete cloud of each object too, as a dataset in the folder `folder.ORIGINAL`

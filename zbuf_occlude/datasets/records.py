@@ -44,9 +44,9 @@ class ScanPoints(SurfacePoints):
     Parameters
     ----------
     columns : mapping of name to (n, ...)
-        Of each point, as `SCAN_FIELDS`; of the whole target none.
+        Values of each point, as `SCAN_FIELDS`; none for the whole target.
     facts : mapping of name to (k,)
-        Of each scan: fields of the record.
+        Fields of each scan's record.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -76,8 +76,8 @@ def record_type(config: DatasetConfig) -> np.dtype[Any]:
     besides there are (unless complete) `SCAN_FIELDS`, a row per point, and
 
     size : float64, metres of the object's longest side
-    hidden : float32, share of the object that others hide; hidden_reached : int32, 1 where it is as was asked for, or
-        nothing was asked for, else 0
+    hidden : float32, share of the object that others hide; hidden_reached : int32, 0 where it is not as asked for, else
+    1
 
     With boxes,
 
@@ -225,8 +225,8 @@ def colors_of(points: SurfacePoints) -> NDArray[np.uint8]:
     return np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
 
 
-def draw(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Draw `size` of the visible points (None: all) in random order; they repeat only when there are fewer."""
+def draw_points(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Draw `size` of the visible points (None: all) in random order; some repeat only if there are fewer."""
     shuffled = rng.permutation(visible)
     if size is None or len(visible) >= size:
         return shuffled[:size]
@@ -255,7 +255,7 @@ def unit_box_transform(positions: FloatArray) -> tuple[FloatArray, float]:
 def to_arrays(records: Records, config: DatasetConfig) -> dict[str, NDArray[Any]]:
     """Return the arrays that a file holds: a field each; of ragged clouds all points in a row, and `OFFSETS`.
 
-    Fields are where the records have them, not side by side in memory: so nothing is there twice.
+    The arrays are views of the records, so no memory is used twice.
     """
     fields = {name: records[name] for name in records.dtype.names or ()}
     if config.sample_size is not None:
@@ -294,7 +294,7 @@ def read_rows(arrays: Any, rows: ArrayLike, config: DatasetConfig) -> Records:
 def read_archive(file: Any, config: DatasetConfig) -> Records:
     """Return the records in a NumPy archive of what `to_arrays` returned."""
     with np.load(file) as archive:
-        arrays = {name: archive[name] for name in archive.files}  # each time that one is named, it is read
+        arrays = {name: archive[name] for name in archive.files}  # each access by name reads the array
         return read_rows(arrays, np.arange(len(arrays["label"])), config)
 
 
@@ -338,7 +338,7 @@ def _draw(mask: Any, whole: Any, seed: Any, view: Any, visible: Any, chosen: Any
     for i in range(n_once, size):
         state, j = _below(state, n_visible)
         chosen[i] = visible[j]
-    if n_once < size:  # else those that repeat would all come last
+    if n_once < size:  # else the repeated points would come last
         for i in range(size):
             state, j = _below(state, size - i)
             chosen[i], chosen[i + j] = chosen[i + j], chosen[i]

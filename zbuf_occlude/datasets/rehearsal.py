@@ -63,7 +63,7 @@ def smoke_test(config: DatasetConfig, require_gpu: bool) -> None:
 
 
 def needs_no_check(config: DatasetConfig) -> bool:
-    """Return whether the method has no option, no OpenGL and no further package that could be wrong or missing."""
+    """Return whether nothing of the method can be wrong or missing: no option, no OpenGL, no further package."""
     row = find_method(config.method)
     return not (row.needs_gl or row.extra or config.method_options)
 
@@ -88,7 +88,7 @@ def warm_up_jit(config: DatasetConfig) -> None:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
         make_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
-        if config.scan is not None and not config.complete:  # ask as scans of large things in scenes do
+        if config.scan is not None and not config.complete:  # the calls of scans of large objects in scenes
             mesh = load_mesh(path)
             eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
             rays = np.random.default_rng(0).normal(size=(10_000, 3))
@@ -100,7 +100,7 @@ def warm_up_jit(config: DatasetConfig) -> None:
 
 
 def _kind(config: DatasetConfig) -> str:
-    """Return the method's name; scans cast rays, boxes draw a picture, and complete clouds ask no method."""
+    """Return the kind of job, by which functions it calls: "complete", a method, or a method with scans or boxes."""
     if config.complete:
         return "complete"
     if config.scan is None:
@@ -111,7 +111,7 @@ def _kind(config: DatasetConfig) -> str:
 class Estimate(NamedTuple):
     """The estimated cost of a dataset."""
 
-    n_meshes: int  # that were made for it
+    n_meshes: int  # made for the estimate
     n_failed: int  # of these
     processor_seconds: float  # of all meshes of the plan, from their files to final ones
     uncertainty: float  # two standard errors of that: meshes differ

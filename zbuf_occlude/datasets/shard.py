@@ -136,7 +136,7 @@ class RecordShard:
 
 
 def new_store(plan: Plan) -> Any:
-    """Return the object that collects the clouds of a shard in the way of the plan's format."""
+    """Return the store in which the plan's format collects the clouds of a shard."""
     return getattr(find_format(plan.format).storage.load(), "Shard", RecordShard)(plan)
 
 
@@ -176,7 +176,7 @@ def make_shard(
 ) -> None:
     """Make a shard of a plan: its files, then its sidecar; failures of meshes are recorded.
 
-    Meshes that are `lost`, for these reasons, are failures and left out. `on_mesh` is called with the index of each
+    Meshes in `lost` are left out as failures, with their reasons. `on_mesh` is called with the index of each
     mesh before it is begun, and with None before the files are written.
     """
     began, split, store = time.perf_counter(), plan.split_of_shard(number), new_store(plan)
@@ -189,7 +189,7 @@ def make_shard(
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id])
             made = make_mesh(plan, mesh_id, gl, store)
-        except (MeshError, ArgumentError) as error:  # options were tried before: it is the mesh's numbers
+        except (MeshError, ArgumentError) as error:  # options were checked before: the mesh is at fault
             failures[entry.key] = str(error)
             continue
         counts, renderer, sources[entry.key] = counts + made.counts, made.renderer, made.source
@@ -226,7 +226,7 @@ def sidecar_path(out: Path, number: int) -> Path:
 
 
 def read_shard(plan: Plan, out: Path, number: int) -> tuple[ShardReport | None, str]:
-    """Return the report on a shard that is done; else None and, where there is something, what is wrong.
+    """Return the report on a shard that is done, or else None, and its fault where it is damaged.
 
     A shard of another plan is a DatasetError.
     """

@@ -44,22 +44,22 @@ class CloudReader:
     take: Callable[[Numbers], Records]
     """Returns the records (`record_type`) of some numbers, in the order of the numbers."""
     blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
-    """Returns for each number the block whose clouds are quickly read together; None where neighbours are."""
+    """Returns the block of each number: clouds of a block are read quickly together. None: neighbours are."""
     complete: Callable[[Any, int], Any] | None = None
-    """Returns a record of the whole surface of a record's object, in the frame of that record, from it and a number of
-    points; None where only the points drawn are kept."""
+    """Returns a record of the whole surface of a record's object, in that record's frame, from the record and a number
+    of points. None where only the points drawn are kept."""
     block: Callable[[int, int], StoredSampling] | None = None
     """Returns a sampling, from its mesh's index and variation; where `complete` is."""
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
     """Number of clouds of each file that is written of them; `Plan.clouds_per_file` by default."""
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
-    """Returns what each cloud is of, (n,) of `IDS`, by its number."""
+    """Returns the ids, (n,) of `IDS`, of clouds by number."""
     sweeps: Sequence[str] | None = None
     """Names of the sweeps of real scans, by mesh id; None where clouds are simulated."""
 
     @property
     def origins(self) -> list[str]:
-        """Name of what each mesh's clouds have in common, by mesh id: the object, or the sweep of a real scan."""
+        """Name of the group of a mesh's clouds: the object, or the sweep of a real scan."""
         return [entry.key for entry in self.plan.meshes] if self.sweeps is None else list(self.sweeps)
 
     @property
@@ -73,7 +73,7 @@ class CloudReader:
         return {split: len(numbers) for split, numbers in self.order.items()}
 
     def files(self, split: str) -> Iterator[tuple[int, Numbers]]:
-        """Yield the number and the clouds of each file that a split's are to fill; empty files are left out."""
+        """Yield the number and the clouds of each file of a split; empty files are left out."""
         numbers = self.order[split]
         full = self.plan.clouds_per_file
         sizes = self.sizes.get(split) or [full] * -(-len(numbers) // full)
@@ -93,8 +93,8 @@ class CloudReader:
 def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
     """Return the clouds of a complete dataset, or of a folder of cloud files by class.
 
-    Those of a packed one are drawn, and ordered, by another plan of the same meshes where one is given. One that is
-    damaged, or a layout of others, is a DatasetError.
+    `redrawn` is another plan of the same meshes, by which the clouds of a packed dataset are drawn and ordered. A
+    damaged dataset is a DatasetError, and so is a published layout that is not read back.
     """
     if not (folder / PLAN).exists() and cloud_files(folder):
         clouds = CloudFolder(folder)
@@ -152,7 +152,7 @@ def source_of_files(
     """Return a source over files of a folder, by split, that hold records; one that cannot be read is a DatasetError.
 
     `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
-    `read_ids` what its clouds are of, (n,) of `IDS`, by default by loading them.
+    `read_ids` returns the ids of a file's clouds, (n,) of `IDS`; by default the file is loaded for them.
     """
     paths, sizes, order = list[Path](), list[int](), dict[str, Numbers]()
     for split, names in files.items():

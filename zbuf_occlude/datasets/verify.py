@@ -1,7 +1,7 @@
 """Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes.
 
-Of occluded clouds the oracle is asked, scans are made again, and complete clouds are held against samples of the whole
-surface.
+The oracle tests points of occluded clouds, scans are made again, and complete clouds are compared with samples of the
+whole surface.
 """
 
 from collections import Counter
@@ -34,7 +34,7 @@ ASKED_FILES = 64
 POINTS_PER_CLOUD = 64
 """Number of points of each checked cloud that the oracle checks."""
 ROUNDING = 0.002
-"""Fraction of false visible that rounding of positions may add outside the boundary band."""
+"""Fraction of false visible points that the rounding of positions may add outside the boundary band."""
 DEVIATIONS = 5.0
 """Number of standard deviations that a measured fraction may exceed the manifest's by."""
 SURFACE_POINTS, CHANCE = 20_000, 1e-9
@@ -49,7 +49,7 @@ class Verdict:
 
     n_files: int  # read whole
     n_clouds: int  # read; of an export none
-    n_checked: int  # points held against their meshes; 0 when the meshes were not at hand
+    n_checked: int  # points compared with their meshes; 0 without meshes
     false_visible: float | None  # the fraction of them that the oracle says are hidden
     faults: list[str]  # one line each; empty: the dataset is what its manifest says
 
@@ -117,18 +117,18 @@ def verify(
     share: tuple[int, int] = (0, 1),
     progress: Callable[[int, int], None] = lambda n, of: None,
 ) -> Verdict:
-    """Check a finished dataset against its manifest and, where its meshes are at hand, some clouds against these.
+    """Check a finished dataset against its manifest and, where `meshes` are given, some clouds against these.
 
     Parameters
     ----------
     out : Path
     meshes : MeshCollection or None
-        With the keys of the dataset's meshes, up axes and units as its plan says; None holds no cloud against them.
+        With the keys of the dataset's meshes, up axes and units as its plan says; None: no cloud is compared with them.
         Classes and splits are the plan's.
     n_samples : int
-        Clouds held against their meshes, chosen at random by the dataset's seed.
+        Number of clouds compared with their meshes, chosen at random by the dataset's seed.
     run : callable, optional
-        Who does the jobs; `run_here`, in this process, by default.
+        Engine that does the jobs; `run_here`, in this process, by default.
     share : (int, int)
         (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
     progress : callable
@@ -144,10 +144,9 @@ def verify(
     files = {} if row.exported_from else manifest["files"]
     task, found = VerifyTask(plan, out, files, manifest["sha256"]), dict[str, FileVerdict]()
 
-    def done(job: str, result: FileVerdict) -> tuple[str, ...]:
+    def done(job: str, result: FileVerdict) -> None:
         found[job] = result
         progress(len(found), len(jobs))
-        return ()
 
     data = {name for of_split in manifest["files"].values() for name in of_split}
     mine = sorted(data)[share[0] :: share[1]]
@@ -168,11 +167,11 @@ def verify(
         records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
         by_key = _as_planned(meshes, plan)
         scanned = plan.config.scan is not None and not plan.config.complete
-        # any may stand around the target of a scan
+        # any mesh may stand around the target of a scan
         mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
         if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
             verdict.faults.append(
-                f"the meshes given must have {lacking[0]}; they have not. Give those that the dataset was made of."
+                f"the meshes given must have {lacking[0]}; they do not. Give those that the dataset was made of."
             )
         elif wrong := next(filter(None, (_wrong_frame(plan.meshes[i], by_key) for i in mesh_ids)), ""):
             verdict.faults.append(wrong)
@@ -186,7 +185,7 @@ def verify(
 
 
 def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) -> dict[str, list[str]]:
-    """Choose the files of which clouds are held against their meshes, by split."""
+    """Choose the files whose clouds are compared with their meshes, by split."""
     names = sorted(looked_at.intersection(name for of_split in files.values() for name in of_split))
     chosen = {names[i] for i in np.random.default_rng(seed).permutation(len(names))[:ASKED_FILES].tolist()}
     found = {split: [name for name in of_split if name in chosen] for split, of_split in files.items()}
@@ -233,7 +232,7 @@ def _scan_again(
 ) -> None:
     """Scan the objects of some clouds again, and compare those clouds whole.
 
-    The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
+    The same plan gives the same bytes. A cloud that differs was made by another plan or of other meshes.
     """
     remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.config, plan.format, plan.views)
     for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
@@ -299,7 +298,7 @@ def _check_completeness(
 
 
 def _distances_from_faces(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return how far points (n, 3) are from the planes of their faces (n, 3, 3), or outside of these by their edges."""
+    """Return the distances of points (n, 3) to the planes of their faces (n, 3, 3), or beyond the faces' edges."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -312,7 +311,7 @@ def _distances_from_faces(points: FloatArray, corners: FloatArray) -> FloatArray
 
 
 def _largest_difference(mine: FloatArray, others: FloatArray, slack: float) -> tuple[float, float]:
-    """Return the largest difference of two distribution functions along some axes, and that which chance explains.
+    """Return the largest difference of two distribution functions along some axes, and the one that chance explains.
 
     Positions may be off by `slack`: rounding moves all points of a flat side to the other side of a threshold.
 
@@ -357,14 +356,14 @@ def _ask_oracle(
         eye = (-rotation.T @ translation)[None]
         with prepare_oracle(mesh) as oracle:
             hidden = points.select(~oracle.visible(points, eye)[0])
-            # where the line of sight grazes the surface, the answer for a point that was moved is by chance
+            # a rounded point may change its answer where the line of sight grazes the surface
             moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
             n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
         n_checked += len(points)
     verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
     promised = manifest["error"]["false_visible"]
     if n_checked and promised is not None:
-        # of few pairs the fraction is itself known roughly: as much as it may be
+        # few pairs give a rough fraction: take the upper bound of its interval
         n_pairs = manifest["error"]["n_checked"]
         promised = interval(round(promised * n_pairs), n_pairs)[1]
         # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone

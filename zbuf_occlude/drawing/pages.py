@@ -144,14 +144,12 @@ def pack_cloud(
     normals: ArrayLike | None = None,
     codes: ArrayLike | None = None,
     palette: list[tuple[int, int, int]] | None = None,
-    emphasis: list[int] | None = None,
 ) -> dict[str, Any]:
     """Return a cloud in the format of the viewer; `json_for_page` embeds it in a page.
 
     Arrays are base64. Positions (n, 3) must lie within `longest`, the object's longest side, of the centre; they become
     int16 in steps of ``longest / 32767``. Unit normals (n, 3) become int8. Codes (m,) become uint8: indices of
-    `palette` (r, g, b in 0..255). If m < n, only the first m points are shown. Points with a code in `emphasis` are
-    drawn larger, unshaded and over the others.
+    `palette` (r, g, b in 0..255). If m < n, only the first m points are shown.
     """
     positions = as_vectors(positions, "positions")
     shorts = np.clip(np.round((positions - np.asarray(centre)) / longest * 32767.0), -32767, 32767).astype("<i2")
@@ -161,7 +159,6 @@ def pack_cloud(
         "normals": None if normals is None else _base64(np.round(np.asarray(normals) * 127.0).astype(np.int8)),
         "codes": None if codes is None else _base64(np.asarray(codes).astype(np.uint8)),
         "palette": [(61, 111, 180)] if palette is None else palette,
-        "emphasis": emphasis or [],
     }
 
 

@@ -67,7 +67,7 @@ class MeshEntry:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
     def has_changed(self, source: MeshSource) -> bool:
-        """Return whether the mesh is not what it was when it had this source, as the sizes of its files tell."""
+        """Return whether the mesh differs from this source, by the sizes of its files or the digest of a computed mesh."""
         if self.path is None:
             return self.origin.sha256 not in ("", source.sha256)
         return has_changed(self.path, source)
@@ -267,7 +267,7 @@ class MeshCollection(Sequence[MeshEntry]):
         if len(given) != len(SPLITS) or not (min(given) >= 0.0 and abs(sum(given) - 1.0) < 1e-6):
             shown = ",".join(f"{share:g}" for share in given)
             raise OptionError(f"--split must be shares of train, val and test with the sum 1; got {shown}.")
-        if (splits := {entry.split for entry in self}) - {"train"}:  # where there are none, all are of train
+        if (splits := {entry.split for entry in self}) - {"train"}:  # meshes without splits are all in train
             present = ", ".join(split for split in SPLITS if split in splits)
             raise OptionError(f"--split is for meshes without splits; these have {present}. Leave it out.")
         ends = np.cumsum(given)[:-1]

@@ -49,7 +49,7 @@ def as_mesh(
 
 
 def _of_object(mesh: MeshLike, colors: bool, name: str) -> Mesh:
-    """Return a Mesh of an object with the attributes of one."""
+    """Return a Mesh of an object that has the attributes of a mesh."""
     if isinstance(mesh, Mesh):
         return mesh
     if isinstance(mesh, tuple | list) and len(mesh) == 2:

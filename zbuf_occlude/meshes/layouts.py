@@ -186,7 +186,7 @@ def _thingi10k(tree: Tree) -> FoundMeshes | None:
 
 
 def _names(tree: Tree, pattern: str) -> list[tuple[PurePosixPath, str]] | None:
-    """Return each file with the first group of a pattern that its name must match; None if one does not, or none is."""
+    """Return each file and the first group of a pattern in its name; None without files, or if one does not match."""
     names = []
     for file in tree.files:
         match = re.fullmatch(pattern, file.name, re.IGNORECASE)

@@ -33,7 +33,7 @@ def read_obj(data: bytes) -> Polygons:
     Raises
     ------
     MeshError
-        A vertex without three numbers; a face with an index of no vertex.
+        A vertex without three numbers; a face that refers to no vertex.
     """
     lines = Lines(_joined(data) if b"\\" in data else data, comment=b"#", keywords=KEYWORDS)
     is_vertex = lines.kinds == _VERTEX
@@ -52,7 +52,7 @@ def read_obj(data: bytes) -> Polygons:
 
 
 def _joined(data: bytes) -> bytes:
-    """Return the text with lines joined that end in a backslash; too rare for the scanner."""
+    """Return the text with each line that ends in a backslash joined to the next; too rare for the scanner."""
     return re.sub(rb"#[^\n]*", b"", unix_lines(data)).replace(b"\\\n", b" ")
 
 
@@ -77,7 +77,7 @@ def read_obj_colors(data: bytes, polygons: Polygons, files: MeshFiles) -> Polygo
     Raises
     ------
     MeshError
-        A texture coordinate that is no number; a face with an index of no texture coordinate.
+        A texture coordinate that is no number; a face that refers to no texture coordinate.
     """
     text = unix_lines(_joined(data) if b"\\" in data else data)
     lines = Lines(_WITH_SLASHES.sub(rb"\1.25", text), comment=b"#", keywords=_COLOR_KEYWORDS)
@@ -157,7 +157,7 @@ def _read_texture(definition: _MtlMaterial, files: MeshFiles) -> bytes:
 
 
 def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
-    """Return the texture coordinates of all corners (c, 2); NaN for a corner without."""
+    """Return the texture coordinates of all corners (c, 2); NaN for a corner without any."""
     numbers = lines.numbers()
     is_vt = lines.kinds == _VT
     table = np.full((int(is_vt.sum()) + 1, 2), np.nan)

@@ -25,14 +25,14 @@ KEEPS = ("target", "box", "all")
 PERTURBATIONS = {"shift": 0.0, "rotate": False, "scale": False}
 """Perturbations of a box that is kept, with their defaults. ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
 RANGE_LAWS = ("range", "area")
-"""Values of `ScanConfig.range_law`; with the text of a range, ``5..50@area``."""
+"""Values of `ScanConfig.range_law`. The text of a range may end in one: ``5..50@area``."""
 LEAST_POINTS = 16
-"""Default of `ScanConfig.least_points`: of fewer distinct points a cloud shows hardly anything of its object."""
+"""Default of `ScanConfig.least_points`: a cloud of fewer distinct points shows hardly anything of its object."""
 
 
 @dataclass(frozen=True)
 class ScanConfig:
-    """The configuration of scans. Numbers and words may be given as the command line takes them.
+    """The configuration of scans. Ranges and sizes may be texts, as on the command line.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class ScanConfig:
         self._check_sensor_height()
         self._check_transparent()
         self._check_motion()
-        _ = self.kind, self.box  # for their errors
+        _ = self.kind, self.box  # wrong values of `scene` and `keep` raise here
 
     def _check_spans(self) -> None:
         if self.range is not None and not 0.0 < self.range[0] <= self.range[1] < np.inf:

@@ -32,7 +32,7 @@ NUMBERS: dict[str, Number] = {
     "offsets": Number(-100.0, 100.0, "metres", ((-1, 2),)),
     "frequencies": Number(-1e6, 1e6, "turns a second", ((2,),)),
     "wedge": Number(1e-3, 90.0, "degrees"),
-    "index": Number(1.0, 5.0),  # the highest of a prism: germanium's, for infrared light, is 4
+    "index": Number(1.0, 5.0),  # germanium's for infrared light, the highest of a prism, is 4
     "rate": Number(1e-3, 1e9, "shots a second"),
     "turns": Number(1e-3, 1e4, "a second"),
     "readout": Number(0.0, 1e3, "seconds", least=1e-9),
@@ -59,7 +59,7 @@ NUMBERS: dict[str, Number] = {
 
 
 def _number(name: str, value: Any) -> Any:
-    if name == "lasers" and isinstance(value, (list, tuple, np.ndarray)):  # elevations alone have no offset
+    if name == "lasers" and isinstance(value, (list, tuple, np.ndarray)):  # without azimuth offsets they are 0
         value = [each if isinstance(each, (list, tuple, np.ndarray)) else (each, 0.0) for each in value]
     return NUMBERS[name].read(f"{name} of a sensor", value)
 
@@ -89,7 +89,8 @@ class NoiseModel:
     divergence : float
         Full angle of a beam, radians. Above 0, five rays sample each beam.
     echo_separation : float
-        Smallest distance of two surfaces in one beam that give separate returns. Nearer ones give one, at a mean range.
+        Smallest distance of two surfaces in one beam that give separate returns. Nearer surfaces give one, at a mean
+        range.
     returns : str
         The return kept: "first", "strongest" (greatest share of the beam over range squared), "last", or "all".
     drop : float
@@ -98,8 +99,8 @@ class NoiseModel:
         Loss of weak signals ``albedo cos(incidence) exp(-attenuation range)``, as in CARLA. The probability falls
         linearly from `drop_zero` at signal 0 to 0 at `drop_limit`. The sensors of the table use `detection_range`.
     detection_range : float
-        Range at which a white surface, met at right angles, returns one pulse in e. Dark, steep and far surfaces return
-        fewer (`noise.detection_probability`). 0: every pulse returns.
+        Range at which a pulse that meets a white surface at right angles is detected with probability 1 / e. Dark,
+        steep and far surfaces have a smaller one (`noise.detection_probability`). 0: every pulse returns.
     edge_loss : float
         Share of the pixels lost that have a neighbour more than 5 % nearer or farther.
     incidence_max : float
@@ -107,12 +108,12 @@ class NoiseModel:
     baseline : (3,) or (m, 3) float
         Vector from a ray's start to the second camera, projector or laser of a triangulating sensor, sensor frame. Both
         must see the point, from the same side of its face; in a pinhole both images must contain it. With several
-        vectors one is enough. 0: none.
+        vectors, one from which the point is seen is enough. 0: none.
     baseline_incidence_max : float
         Largest incidence at the second camera that gives a return, degrees.
     match_window : int
-        Side of the square that stereo matching compares, pixels; only for a pinhole with a `baseline`. Half of it,
-        rounded down, is lost beside a nearer surface and beside one that a single camera sees.
+        Side of the square that stereo matching compares, pixels; only for a pinhole with a `baseline`. Pixels
+        up to half of it, rounded down, beside a nearer surface or one that a single camera sees are lost.
     noise : float
         Factor on the standard deviations. 0 switches everything off except the range limits and the second camera.
     """
@@ -212,7 +213,7 @@ class Sensor:
         object.__setattr__(self, "pattern", {name: _number(name, value) for name, value in pattern.items()})
         needed = [name for name, default in known.items() if default is inspect.Parameter.empty]
         if missing := [name for name in needed if name not in self.pattern]:
-            raise OptionError(f"sensor {self.name!r} of kind {self.kind} must have {', '.join(missing)}; it has not.")
+            raise OptionError(f"sensor {self.name!r} of kind {self.kind} must have {', '.join(missing)}; it does not.")
 
     def __repr__(self) -> str:
         return f"Sensor({self.name!r}, {self.kind}{': ' if self.summary else ''}{self.summary})"
@@ -254,8 +255,8 @@ class Sensor:
     def ray_starts(self, points: FloatArray) -> FloatArray:
         """Return the start of the ray to each of some points (n, 3); all are in the sensor's frame.
 
-        The start in a linear sensor is the position beside the point. With laser offsets it is the position of the
-        laser whose rays pass nearest to the point.
+        In a linear sensor it is the position of the scanner beside the point. With laser offsets it is the position of
+        the laser whose rays pass nearest to the point.
         """
         if "offsets" not in self.pattern:
             return np.asarray(points * [0.0, 1.0, 0.0] if self.kind == "linear" else np.zeros_like(points))
@@ -305,8 +306,8 @@ class Sensor:
     def ray_density(self, points: FloatArray) -> FloatArray:
         """Return the rays per square metre across the beam at points (n, 3), sensor frame, (n,).
 
-        That of a surface is less by the cosine of its incidence. Between lasers that are unevenly spaced it is that of
-        the two beside the point.
+        On a surface there are fewer, by the cosine of the incidence. Between unevenly spaced lasers, the spacing of the
+        two beside the point counts.
 
         Raises
         ------
@@ -328,7 +329,7 @@ class Sensor:
             above = np.searchsorted(elevations, np.arctan2(points[:, 2], level))
             gap = np.diff(elevations)[np.clip(above - 1, 0, len(elevations) - 2)]
             return np.asarray(1.0 / (turn * np.maximum(level, np.finfo(np.float64).tiny) * gap * ranges))
-        raise OptionError(f"a density must be asked of a sensor with evenly spaced rays; {self.name} has none. Give 0.")
+        raise OptionError(f"the sensor of a ray density must have evenly spaced rays; {self.name} has none. Give 0.")
 
     def with_numbers(self, /, **numbers: Any) -> "Sensor":
         """Return a copy of the sensor with some numbers changed, of its rays or its noise.

@@ -65,7 +65,7 @@ def run(jobs: list[int], puppets: list[Puppet], n_workers: int = 1) -> tuple[lis
     rounds = iter(range(500))
     do_jobs(
         jobs,
-        lambda job, _: done.append(job) or (),
+        lambda job, _: done.append(job),
         start=start,
         wait=lambda *_: next(rounds) and None,
         n_workers=n_workers,

@@ -11,7 +11,7 @@ from zbuf_occlude.studies.learn import models
 from zbuf_occlude.studies.learn.networks import Classifier
 from zbuf_occlude.studies.paper import study
 
-begin = study._begin_worker
+run = study._run_alone
 
 
 class Light(Classifier):
@@ -32,10 +32,10 @@ def put_in_place(patch: pytest.MonkeyPatch) -> None:
     factory = f"{__name__}:{Light.__name__}"
     rows = tuple(replace(row, factory=factory, options={}) for row in models.MODELS)
     patch.setattr(models, "MODELS", rows)
-    patch.setattr(study, "_begin_worker", begin_worker)
+    patch.setattr(study, "_run_alone", run_alone)
 
 
-def begin_worker(*given: Any) -> None:
-    """Begin a training process with the light models."""
+def run_alone(*given: Any) -> None:
+    """Run a trial in a child process with the light models."""
     put_in_place(pytest.MonkeyPatch())
-    begin(*given)
+    run(*given)

@@ -239,7 +239,7 @@ SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
         (LABEL, None, "must have its label_2/000007.txt; it is missing"),
         ("training/velodyne/000007.bin", bytes(1001), "must hold 4 float32 numbers per point; it has 1001 bytes"),
         ("training/velodyne/000007.bin", b"", "must have points; it has none"),
-        (CALIB, b"Tr_velo_to_cam: " + b"0 " * 12, "must have R0_rect; it has not"),
+        (CALIB, b"Tr_velo_to_cam: " + b"0 " * 12, "must have R0_rect; it does not"),
         (CALIB, b"R0_rect: 1 0 0\n", "R0_rect in .* must be 9 numbers; it is '1 0 0'"),
         (CALIB, b"R0_rect: " + b"0 " * 9 + b"\nTr_velo_to_cam: " + b"0 " * 12, "must be rotations"),
         (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
@@ -279,7 +279,7 @@ def test_what_a_drive_of_kitti_lacks_is_named(place: str, message: str, tmp_path
 def test_sweeps_and_boxes_that_say_nothing(tmp_path: Path) -> None:
     root = write_argoverse(tmp_path / "drive")
     (root / SWEEP).rename((root / SWEEP).with_stem("first"))
-    with pytest.raises(DatasetError, match="must be called TIMESTAMP"):
+    with pytest.raises(DatasetError, match="must be named TIMESTAMP"):
         read_objects(root, 1)
     root = write_argoverse(tmp_path / "other")
     boxes = root / "val/log-1/annotations.feather"

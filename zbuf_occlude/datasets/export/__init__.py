@@ -55,7 +55,7 @@ UNSEEN = "not all its views see it"
 
 
 class Exported(NamedTuple):
-    """Report on an export: for each split the names of its files and the number of their clouds; other counts.
+    """Report on an export: the files and the number of clouds of each split, and other counts.
 
     `left_out` has the reasons why meshes with clouds, by index, are not in it.
     """
@@ -160,7 +160,7 @@ def as_theirs(source: CloudReader, plan: Plan) -> CloudReader:
     number_of = {name: number for number, name in enumerate(plan.classes)}
     label_of = np.array([number_of.get(entry.label, -1) for entry in plan.meshes])
     order = source.order
-    if row.classes:
+    if row.class_list:
         known = label_of[source.ids()["mesh_id"]] >= 0
         order = {split: numbers[known[numbers]] for split, numbers in order.items() if known[numbers].any()}
 
@@ -202,11 +202,11 @@ def convert(
     folder : Path
         A complete dataset.
     out : Path
-        Made when missing; otherwise empty, or of this same conversion: files that are there are not written again.
+        Created where missing; else empty, or of this same conversion, whose files are not written again.
     format : str
         Name in the table of formats.
     progress : callable
-        Called with the number of clouds each time some were written.
+        Called with the number of clouds after each write.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def convert(
     Raises
     ------
     DatasetError
-        There is no complete dataset, `out` holds something else, or the format needs what the dataset does not have.
+        There is no complete dataset; `out` holds something else; the dataset lacks data that the format needs.
 
     Notes
     -----
@@ -288,7 +288,7 @@ def _converted(old: Plan, format: str) -> Plan:
     plan: Plan = replace(old, format=format, converted_from={"format": old.format, "fingerprint": old.fingerprint})
     if is_packed:
         plan = replace(plan, config=row.redrawn(plan.config))
-    row.check(replace(plan, meshes=row.select(plan.meshes)))
+    row.check(replace(plan, meshes=row.choose_meshes(plan.meshes)))
     return plan
 
 
@@ -297,7 +297,7 @@ LONGEST = 150
 
 
 class Layout(NamedTuple):
-    """A layout in a module of several: what a module of one has as functions."""
+    """A layout in a module of several layouts. Its fields are the functions of a module of one layout."""
 
     export: Callable[[CloudReader, Path], Exported]
     check: Callable[[Plan], None] = lambda plan: None
@@ -311,7 +311,7 @@ class Names(NamedTuple):
     taxonomies: list[str]  # ShapeNet's synset where the key begins with one, else the class's name
     objects: list[str]  # last part of the key without its ending; unique within its taxonomy and within its class
 
-    def fill(self, pattern: str, mesh_id: int, **more: Any) -> str:
+    def object_file(self, pattern: str, mesh_id: int, **more: Any) -> str:
         """Return the name of an object's file, whose label, taxonomy and name are filled into a pattern."""
         label, taxonomy, name = (each[mesh_id] for each in self)
         return pattern.format(label=label, taxonomy=taxonomy, name=name, **more)
@@ -321,7 +321,7 @@ def names_of(plan: Plan) -> Names:
     """Return the names of the meshes of a plan; the same plan gives the same names."""
     taken, last = set[tuple[str, str]](), dict[tuple[str, str], int]()
 
-    def free(name: str, *places: str) -> str:
+    def unused(name: str, *places: str) -> str:
         """Turn a name into a word that differs from all before in the same places."""
         word = found = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST] or "_"
         while any((place, found) in taken for place in places):
@@ -330,7 +330,7 @@ def names_of(plan: Plan) -> Names:
         taken.update((place, found) for place in places)
         return found
 
-    words = {label: free(label, "") for label in plan.meshes.classes}
+    words = {label: unused(label, "") for label in plan.meshes.classes}
     names = Names([words[entry.label] for entry in plan.meshes], [], [])
     for entry in plan.meshes:
         path = PurePosixPath(entry.key)
@@ -338,7 +338,7 @@ def names_of(plan: Plan) -> Names:
         taxonomy = synset if re.fullmatch(r"\d{8}", synset) and len(path.parts) > 1 else words[entry.label]
         names.taxonomies.append(taxonomy)
         name = path.stem if path.suffix.lower() in SUFFIXES else path.name
-        names.objects.append(free(name, taxonomy, f"class {words[entry.label]}"))
+        names.objects.append(unused(name, taxonomy, f"class {words[entry.label]}"))
     return names
 
 
@@ -384,7 +384,7 @@ def whole_objects(source: CloudReader, n_kept: int | None = None) -> dict[str, N
 
 
 def incomplete(source: CloudReader) -> dict[int, str]:
-    """Return the meshes that `whole_objects` leaves out, by index, and why."""
+    """Return the reasons for the meshes that `whole_objects` leaves out, by index."""
     numbers = np.concatenate(list(source.order.values()))
     mesh_ids, n_seeing = np.unique(source.ids()["mesh_id"][numbers], return_counts=True)
     return dict.fromkeys(mesh_ids[n_seeing < source.plan.clouds_per_mesh].tolist(), UNSEEN)

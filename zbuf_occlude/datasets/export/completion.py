@@ -95,8 +95,8 @@ def export_epn3d(source: CloudReader, out: Path) -> Exported:
             row: dict[str, Any] = {"taxonomy_id": names.taxonomies[i], "taxonomy_name": names.classes[i]}
             row |= {each: {"partial": [], "complete": []} for each in SPLITS}
             row = index.setdefault(names.classes[i], row)[split]
-            row["partial"] += [names.fill(of_view, i, view=view) for view in range(n_views)]
-            row["complete"] += [names.fill(whole, i, view=view) for view in range(n_views)]
+            row["partial"] += [names.object_file(of_view, i, view=view) for view in range(n_views)]
+            row["complete"] += [names.object_file(whole, i, view=view) for view in range(n_views)]
     atomic.write_json(out / "EPN3D.json", [index[name] for name in sorted(index)])
     return exported
 
@@ -112,7 +112,7 @@ def export_projected_shapenet(source: CloudReader, out: Path) -> Exported:
     names, of_view = names_of(source.plan), "projected_partial_noise/{taxonomy}/{name}/models/{view}.pcd"
     exported, mesh_ids = _export_pairs(source, out, names, 8_192, WHOLE, of_view)
     for split, of_split in mesh_ids.items():
-        atomic.write_lines(out / f"{split}.txt", [names.fill(WHOLE, i) for i in of_split])
+        atomic.write_lines(out / f"{split}.txt", [names.object_file(WHOLE, i) for i in of_split])
     _write_synsets(out, source.plan, names)
     return exported
 
@@ -132,7 +132,7 @@ def export_shapenet55(source: CloudReader, out: Path) -> Exported:
             records = source.take(numbers[begin : begin + CLOUDS_PER_FILE, 0])
             rest.write(slice(begin, begin + len(records)), records)
             for record in records:
-                written.append(names.fill(WHOLE, int(record["mesh_id"])))
+                written.append(names.object_file(WHOLE, int(record["mesh_id"])))
                 _write_npy(out / written[-1], record)
         atomic.write_lines(out / f"{split}.txt", [Path(name).name for name in written])
         files[split], n_clouds[split] = [*written, rest.name], len(written)
@@ -205,7 +205,7 @@ def _export_pairs(
             for sharing in [records] if one_frame else np.split(records, len(records)):
                 whole = source.complete(sharing[0], n_complete)
                 for pattern, record in [(complete, whole), *((of_view, each) for each in sharing[fields])]:
-                    name = names.fill(pattern, mesh_id, split=split, view=int(record["view_id"]))
+                    name = names.object_file(pattern, mesh_id, split=split, view=int(record["view_id"]))
                     (out / name).parent.mkdir(parents=True, exist_ok=True)
                     _WRITERS[Path(name).suffix](out / name, record)
                     files[split].append(name)
@@ -245,7 +245,7 @@ _WRITERS = {".pcd": write_pcd, ".npy": _write_npy, ".h5": _write_h5}
 
 
 def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
-    """Write an HDF5 file whose arrays are another's, and whose arrays of novel classes are empty."""
+    """Write an HDF5 file with the arrays of another one, and with empty arrays of novel classes."""
     with new_h5(path) as h5:
         for name in arrays:
             h5[name] = h5py.ExternalLink(to, name)

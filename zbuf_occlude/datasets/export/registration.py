@@ -22,7 +22,7 @@ from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.visibility import prepare
 
 TURN, SHIFT = np.pi / 4, 0.25
-"""Most pairs are turned against each other by at most so many radians; all are shifted by at most so many units."""
+"""Maximum turn of most pairs, radians, and maximum shift of all pairs, units."""
 UNRESTRICTED = 0.2
 """Share of the pairs that are turned by any angle."""
 MATCHED = 0.5
@@ -52,11 +52,11 @@ def export(source: CloudReader, out: Path) -> Exported:
     mesh_id, variation, view_src, view_tgt        (n,) int32
     =======================  =================================================================================
 
-    Both clouds are drawn from the same points of the surface, each for itself. With a sensor each is a scan, with its
-    noise, and `match_id` is empty. Overlaps are always of points of the surface: for scans, those that the first eye of
-    the sensor sees from its places. Each object gives as many pairs as it has views. Their overlaps are drawn evenly
-    over the range, by the seed; of its pairs the nearest is taken, each once. Objects without one in the range are left
-    out, and counted.
+    Both clouds are drawn independently from the same points of the surface. With a sensor each is a scan, with its
+    noise, and `match_id` is empty. Overlaps are always of points of the surface: for scans, of those that the first
+    camera or laser of the sensor sees from its places. Each object gives as many pairs as it has views. Their overlaps
+    are drawn evenly over the range, by the seed, and the pair with the nearest overlap is taken, without repeats.
+    Objects without a pair in the range are left out, and counted.
 
     References
     ----------
@@ -152,7 +152,7 @@ def _rows_of(source: CloudReader, mesh_id: int, variation: int) -> Iterator[dict
 def _seen_by_places(entry: MeshEntry, block: StoredSampling, scan: ScanConfig) -> BoolArray:
     """Return which points (n,) of an object's whole surface each of k places of the sensor sees; (k, n).
 
-    A place whose scan has no return sees nothing. A mesh that is not at hand is a DatasetError.
+    A place whose scan has no return sees nothing. A mesh that cannot be loaded is a DatasetError.
     """
     try:
         mesh = entry.load()
@@ -174,9 +174,9 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
     Parameters
     ----------
     mask : (k, n) bool
-        What each view sees of n points that are uniform over the surface.
+        True where a view sees one of n points that are uniform over the surface.
     n_pairs : int
-        As many at most.
+        Maximum number of pairs.
     span : (float, float)
         Least and greatest overlap.
     rng : Generator
@@ -184,7 +184,7 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
     Returns
     -------
     list of Pair
-        Each pair once; of as many overlaps drawn evenly over the span the nearest there is.
+        Pairs without repeats. Overlaps are drawn evenly over the span; each chooses the pair with the nearest overlap.
     """
     seen = mask.astype(np.float32)
     common = seen @ seen.T  # counts below 2^24 are exact

@@ -30,9 +30,9 @@ PATHS = "valid_paths.json"
 def export_frames(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ with the files of `write_frames`, 000 the first view; and valid_paths.json.
 
-    World space is the scans': metres, the middle of the object's box at the origin, z up. Instance 0 is the object.
-    The depth pictures of a dataset have one unit for each object. Objects of which a view meets nothing are left out.
-    """
+    World space is that of the scans: metres, the middle of the object's box at the origin, z up. Instance 0 is the
+    object. The depth pictures of a dataset have one unit for each object. Objects that some view does not meet are left
+    out."""
     plan, names, files, paths = source.plan, names_of(source.plan), dict[str, list[str]](), list[str]()
     n_clouds, n_views = dict[str, int](), len(source.plan.views)
     for split, numbers in whole_objects(source).items():
@@ -106,10 +106,9 @@ def check_frames(plan: Plan) -> None:
 def export_bop(source: CloudReader, out: Path) -> Exported:
     """Write SPLIT/SCENE/ with the files of `write_bop`; a scene is a variation of an object, its images are the views.
 
-    Scenes that hide a drawn share of the object differ by view: each image lists what stands there. Models are the
-    meshes of the collection, and what fills scenes without one. `depth` has the sensor's noise, masks and `rgb` have
-    none.
-    """
+    Scenes that hide a drawn share of the object differ by view: each image lists its objects. Models are the meshes of
+    the collection, and the objects that fill scenes without one. `depth` has the sensor's noise, masks and `rgb` have
+    none."""
     scan, n_views = _pinhole_scans(source.plan), len(source.plan.views)
     writer = BopWriter(out, background=(), method=scan.method)
     names, n_clouds = dict[str, list[str]](), dict[str, int]()

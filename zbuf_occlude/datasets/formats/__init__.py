@@ -1,4 +1,4 @@
-"""The table of formats: those that clouds are written in at once, and layouts of others that are exported afterwards.
+"""The table of formats: those in which workers write clouds, and published layouts that are exported from these.
 
 A format's module, in this folder, has
 
@@ -34,24 +34,24 @@ from zbuf_occlude.sensors.scan_config import span_of
 class Format:
     """One row of the table of formats. Its module is imported when the format is used, not before."""
 
-    name: str  # also of its module, unless `module` says another
+    name: str  # and name of its module, unless `module` is given
     summary: str
     exported_from: str = ""  # format of the clouds that a layout is made from; `packed` where it needs whole objects
     whole_objects: bool = False  # keeps all points of the objects, rounded, and not only those drawn for each cloud
-    attributes: tuple[str, ...] = ATTRIBUTES  # those that its clouds may have
+    attributes: tuple[str, ...] = ATTRIBUTES  # attributes that its clouds may have
     complete: bool = False  # holds clouds of whole surfaces alone
-    of_views: bool = False  # holds what views see, which complete clouds are not
+    of_views: bool = False  # holds clouds of views alone, no complete ones
     from_meshes: bool = False  # its export reads the meshes again, so that nothing is converted to it
     ragged: bool = False  # its clouds may be of unequal size (`--sample-size all`)
     least_tested: int = 0  # test clouds below which the loaders' own test ends in an error
-    axes: tuple[str, str, str] = ("x", "y", "z")  # of its frame, by those of the frame "object", z up
-    longest_side: float = 1.0  # in its frame, of what is scaled to 1
+    axes: tuple[str, str, str] = ("x", "y", "z")  # axes of its frame, in those of the frame "object", z up
+    longest_side: float = 1.0  # length in its frame of the side that is scaled to 1
     options: Mapping[str, Any] = field(default_factory=dict)  # defaults of `generate`, by its parameters' names
-    module: str = ""  # where its functions are; behind a colon the object there that has them as methods
+    module: str = ""  # module of its functions, or after a colon the object there that has them as methods
 
     @property
-    def classes(self) -> tuple[str, ...]:
-        """Names that its labels count; () where they count the classes at hand."""
+    def class_list(self) -> tuple[str, ...]:
+        """Classes that its labels count, a published list; () where they count those of the meshes."""
         return CLASSES_OF.get(self.name, ())
 
     @property
@@ -65,7 +65,7 @@ class Format:
         return self.storage.whole_objects
 
     def load(self) -> Any:
-        """Import the format's module; return what has its functions."""
+        """Import the format's module; return the module or the object that has its functions."""
         folder = "export" if self.exported_from else "formats"
         place, _, name = (self.module or f"{folder}.{self.name}").partition(":")
         module = import_module(f"zbuf_occlude.datasets.{place}")
@@ -79,23 +79,23 @@ class Format:
         else:
             yield from (module.file_name(file.split, file.number) for file in plan.files)
 
-    def select(self, meshes: MeshCollection) -> MeshCollection:
+    def choose_meshes(self, meshes: MeshCollection) -> MeshCollection:
         """Return the meshes of its classes, with a remark on those left out; OptionError where none is of them."""
         outside = self._outside(meshes)
         if not outside:
             return meshes
-        found = [entry for entry in meshes if entry.label in self.classes]
+        found = [entry for entry in meshes if entry.label in self.class_list]
         if not found:
             raise OptionError(
-                f"{self.name} must have meshes of its {len(self.classes)} classes, {', '.join(self.classes)}; got "
-                f"{outside}. Name them so by --labels FILE."
+                f"{self.name} must have meshes of its {len(self.class_list)} classes, {', '.join(self.class_list)}; "
+                f"got {outside}. Name them so by --labels FILE."
             )
         left_out = f"{len(meshes) - len(found):,} of {len(meshes):,} meshes are left out"
         return MeshCollection(found, (*meshes.remarks, f"{self.name} has no class {outside}: {left_out}"))
 
     def _outside(self, meshes: MeshCollection) -> str:
-        """Name the classes that its labels do not count, or nothing."""
-        outside = [label for label in meshes.classes if label not in self.classes] if self.classes else []
+        """Return the names of the classes that its labels do not count; "" for none."""
+        outside = [label for label in meshes.classes if label not in self.class_list] if self.class_list else []
         return ", ".join(outside[:10]) + (f" and {len(outside) - 10} more" if len(outside) > 10 else "")
 
     def axes_in(self, frame: str) -> tuple[str, str, str]:
@@ -109,7 +109,7 @@ class Format:
         return (turned * (1.0 if config.scale in ("metres", "mesh") else self.longest_side)).astype(np.float32)
 
     def check(self, plan: Plan) -> None:
-        """Raise OptionError or UnavailableError unless a plan can be written so."""
+        """Raise OptionError or UnavailableError unless a plan can be written in this format."""
         if plan.config.sample_size is None and not self.ragged:
             raise OptionError(
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
@@ -129,7 +129,7 @@ class Format:
         getattr(self.load(), "check", lambda plan: None)(plan)
 
     def redrawn(self, config: DatasetConfig) -> DatasetConfig:
-        """Return a configuration of all points of objects so changed that the clouds drawn of them fit this format."""
+        """Return the configuration with which clouds of this format are drawn from all points of objects."""
         drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale", "overlap")}
         if config.scale != "cloud":
             drawn.pop("scale", None)
@@ -170,7 +170,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("webdataset", "tar shards for streaming", ragged=True),
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
-    Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True),
+    Format("ply", "a file for each cloud, for viewers", "hdf5", ragged=True),
     Format(
         "frames",
         "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",

@@ -26,7 +26,7 @@ ANNOTATIONS = "annotations.feather"
 CALIBRATION = "calibration/egovehicle_SE3_sensor.feather"
 LIDARS = ("up_lidar", "down_lidar")
 ROOF = np.array([1.35, 0.0, 1.58])
-"""Middle of the two LiDARs in the vehicle's frame, metres, where a log has no calibration."""
+"""Default middle of the two LiDARs in the vehicle's frame, metres, for logs without calibration."""
 _WORDS = ("timestamp_ns", "category", "track_uuid", "sensor_name")
 _BOX = ("length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 
@@ -52,7 +52,9 @@ def read_argoverse(path: Path) -> Sweep:
     try:
         time = int(path.stem)
     except ValueError:
-        raise DatasetError(f"a sweep must be called TIMESTAMP.feather, nanoseconds; {path} is not. {REMEDY}") from None
+        raise DatasetError(
+            f"a sweep must be named TIMESTAMP.feather, in nanoseconds; {path} is not. {REMEDY}"
+        ) from None
     boxes = []
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
         numbers = np.array([annotations[name][row] for name in _BOX])
@@ -85,7 +87,7 @@ def _version(path: Path) -> tuple[int, int]:
 
 @lru_cache(maxsize=1)
 def _annotations(path: Path, version: tuple[int, int]) -> dict[str, NDArray[Any]]:
-    """Return the boxes of a log, kept for its next sweep: a file of another version is read anew."""
+    """Return the boxes of a log, kept for its next sweep; a file that has changed is read again."""
     return _table(path, ("timestamp_ns", "category", "track_uuid", *_BOX))
 
 

@@ -94,7 +94,7 @@ def _to_camera(path: Path) -> FloatArray:
             found[name] = np.eye(4)
             found[name][:3, : values.shape[1]] = values
     if missing := [name for name in shapes if name not in found]:
-        raise DatasetError(f"{path} must have {' and '.join(missing)}; it has not. Take the object benchmark's calib.")
+        raise DatasetError(f"{path} must have {' and '.join(missing)}; it does not. Take the object benchmark's calib.")
     with np.errstate(all="ignore"):  # the result is checked below
         matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 0.5:

@@ -26,7 +26,7 @@ from zbuf_occlude.base.errors import (
 from zbuf_occlude.base.jit.threads import use_threads
 from zbuf_occlude.datasets.pipeline import count_distinct, why_no_cloud
 from zbuf_occlude.datasets.plan import ATTRIBUTES
-from zbuf_occlude.datasets.records import colors_of, draw
+from zbuf_occlude.datasets.records import colors_of, draw_points
 from zbuf_occlude.datasets.torch.placing import CloudFrame, Drawn, RandomViews, Span
 from zbuf_occlude.datasets.torch.tensors import TensorMesh, is_dense, is_followed, place_of
 from zbuf_occlude.geometry.colors import of_trimesh
@@ -43,7 +43,7 @@ from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
 BYTES_PER_FACE = 1000
-"""About what a prepared mesh takes in memory, for each face."""
+"""Approximate memory of a prepared mesh, bytes per face."""
 ROUNDS = 8
 """Maximum number of rounds that sample more points, or try another eye, before visible points are repeated."""
 TRIED_POINTS, TRIED_EYES = 256, 16
@@ -51,20 +51,20 @@ TRIED_POINTS, TRIED_EYES = 256, 16
 
 
 class OnTheFlyOcclusion:
-    """A mesh in, the cloud out that an eye at a random place sees: another eye each time.
+    """Transform of a mesh into the cloud that a random eye sees, another eye each time.
 
     Parameters
     ----------
     n_points : int
         Points of each cloud.
     distance : float
-        Of the eye from the mesh's centre, in longest sides.
+        Distance of the eye from the mesh's centre, in longest sides.
     elevation : (float, float), float or str
         The eye is anywhere on the sphere between these elevations, degrees, uniformly by area; or at this elevation.
     views : Views or str, optional
-        Instead: the eye is one of these views, such as ``"fibonacci:24"``, distances in longest sides.
+        Views of which the eye is one, instead of a random one, such as ``"fibonacci:24"``; distances in longest sides.
     method : str, optional
-        Of the table of methods; one that needs no GL. "exact", or with a device "warp".
+        Method that needs no GL. Default: "exact", or with a device "warp".
     method_options : mapping, optional
     scale : {"cloud", "metres", "mesh"}
         As in `zbuf_occlude.datasets.plan.DatasetConfig`.
@@ -73,23 +73,23 @@ class OnTheFlyOcclusion:
     axes : {"opengl", "opencv"}
         Axes of the camera: x right, y up, looking along -z; or x right, y down, looking along z.
     eyes_per_sampling : int
-        This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
-        1: every cloud has points of its own.
+        Number of clouds, each of another eye, that share one sampling of the mesh's surface. 1: every cloud has points
+        of its own.
     attributes : sequence of str
         "normals", of the faces and turned towards the eye, "colors" in [0, 1]: further columns of each cloud, in this
         order.
     cache_megabytes : float
-        Prepared meshes are kept, the least recently used given up beyond this; in each worker.
+        Maximum memory of prepared meshes in each worker; beyond it, the least recently used are dropped.
     device : str or torch.device, optional
-        "cuda", say: points are sampled, held against the mesh by `warp` and drawn there, and clouds stay there
-        (extra ``warp``; untested on CUDA).
+        Device, such as "cuda", on which points are sampled, tested by `warp` and drawn, and on which clouds stay (extra
+        ``warp``; untested on CUDA).
 
     Raises
     ------
     ArgumentError
         A value of another type, or a number out of range.
     OptionError
-        A word that there is not, a method that needs GL, or with a device another method than `warp`, or colours.
+        An unknown word; a method that needs GL; with a device, another method than `warp`, or colours.
     UnavailableError
         A device without Warp.
 
@@ -108,8 +108,8 @@ class OnTheFlyOcclusion:
 
     With a device, tensors there (``pos``, ``face``) are recognised by their memory, as `visible` does it, and are not
     copied. Nothing waits for the device but the first call with a mesh. An eye that sees fewer than `n_points` of the
-    sampled points repeats some, and one that sees none has another's cloud; where none of them sees any, the cloud is
-    NaN.
+    sampled points repeats some. An eye that sees none has the cloud of another eye. The cloud is NaN where no eye sees
+    a point.
     """
 
     def __init__(
@@ -207,7 +207,7 @@ class OnTheFlyOcclusion:
         if self._process != os.getpid():
             self._process = os.getpid()
             for subject in self._subjects.values():
-                subject.forget_clouds()  # drawn before this process was forked: its siblings have them too
+                subject.forget_clouds()  # drawn before a fork, so the sibling processes have them too
             if get_worker_info() is not None:
                 use_threads(1)
         return self._subject(vertices, faces, mesh).next_cloud(self)
@@ -221,7 +221,7 @@ class OnTheFlyOcclusion:
             tensors = vertices, faces
             if not all(map(is_followed, tensors)):
                 return _DeviceSubject(vertices, faces, self)
-            # keys keep the memory, so that it gets no other content
+            # the keys keep the memory alive, so that no other tensor reuses it
             key = tuple((t.untyped_storage(), place_of(t), t._version) for t in tensors)
         else:
             key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
@@ -256,15 +256,15 @@ class _Subject:
         raise MeshError(f"a mesh must be seen from somewhere; {self.mesh.name} was not from {ROUNDS} samplings.")
 
     def forget_clouds(self) -> None:
-        """Have the next cloud drawn anew."""
+        """Drop the clouds that are drawn already."""
         self._clouds.clear()
 
     def close(self) -> None:
-        """Release what answers."""
+        """Release the query."""
         self.occluder.close()
 
     def _try(self, settings: OnTheFlyOcclusion) -> float:
-        """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
+        """Return about the share of its points that three eyes of four see; earlier draws do not matter."""
         points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
         views = settings.views.draw(TRIED_EYES, 0).around(self.mesh.centre, self.mesh.longest_side)
         mask = self.occluder.visible(points, views.eyes) & views.in_frustum(points.positions)
@@ -292,7 +292,7 @@ class _Subject:
         for parts, pose in zip(found, views.poses, strict=True):
             rows = np.concatenate(parts)
             if len(rows) >= min(2, wanted):  # centred and scaled, one point would be the origin
-                self._clouds.append(Drawn(rows[draw(np.arange(len(rows)), wanted, rng)], pose, mesh))
+                self._clouds.append(Drawn(rows[draw_points(np.arange(len(rows)), wanted, rng)], pose, mesh))
 
 
 class _DeviceSubject(_Subject):
@@ -319,7 +319,7 @@ class _DeviceSubject(_Subject):
         self._visible_fraction = max(float(shares.min()), 0.02)
 
     def close(self) -> None:
-        """Nothing is to be released that is not with the tensors."""
+        """Do nothing: the tensors own all memory."""
 
     def _contact(self, settings: OnTheFlyOcclusion) -> float:
         return float(settings.method_options.get("contact", CONTACT))
@@ -408,7 +408,7 @@ def _array(values: Any) -> NDArray[Any]:
 
 
 class OnTheFlyScan:
-    """A mesh in, a scan of it out: another view, range and scene each time.
+    """Transform of a mesh into a scan, with another view, range and scene each time.
 
     Parameters
     ----------
@@ -417,9 +417,9 @@ class OnTheFlyScan:
     sensor : str, Path or Sensor
         As `zbuf_occlude.sensors.make` takes it.
     numbers : mapping, optional
-        Of the sensor to be changed, such as ``{"noise": 0}``.
+        Numbers of the sensor to change, such as ``{"noise": 0}``.
     surroundings : MeshCollection, optional
-        What scenes are filled with; built-in road users or furniture without it.
+        Objects that fill scenes; built-in road users or furniture by default.
     elevation : (float, float), float or str
         Elevation of the sensor above the object's middle, degrees: uniform over the sphere between two, or one. Over a
         ground a LiDAR's follows from its height.
@@ -528,7 +528,7 @@ class OnTheFlyScan:
             seen = np.arange(len(capture.scan))
             n_distinct = count_distinct(capture.scan.positions, self.config.least_points)
             if n_distinct >= max(2, self.config.least_points):  # centred and scaled, one place would be the origin
-                positions = capture.scan.positions[draw(seen, self.n_points, rng)]
+                positions = capture.scan.positions[draw_points(seen, self.n_points, rng)]
                 return Drawn(positions, places.poses[0], standing)
         why = why_no_cloud(capture, self.config, places, 0, n_distinct)
         raise MeshError(

@@ -10,7 +10,7 @@ from zbuf_occlude.meshes.sampling import sample_surface
 
 
 class OnTheFlyPairs:
-    """A mesh in; its partial cloud, its complete cloud and the camera's pose out: another camera each time.
+    """Transform of a mesh into its partial cloud, its complete cloud and the camera's pose, another camera each time.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class CloudFrame:
-    """The frame and the scale of clouds: the words that users give, checked."""
+    """The frame and the scale of clouds, as given by users and checked."""
 
     scale: str = "cloud"
     frame: str = "object"
@@ -62,7 +62,7 @@ class CloudFrame:
     def place_pair(self, cloud: Drawn, complete: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a cloud and the complete one (m, 3) of its mesh in one frame, and the pose of `CompletionPairs`."""
         pose, centre, factor = with_axes(cloud.pose, self.axes), np.zeros(3), 1.0
-        if self.scale == "cloud":  # of a pair: of the whole object
+        if self.scale == "cloud":  # a pair is placed by its whole object
             centre, factor = cloud.mesh.centre, 1.0 / cloud.mesh.longest_side
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = pose[:3, :3], (pose[:3, 3] + pose[:3, :3] @ centre) * factor
@@ -83,7 +83,7 @@ class RandomViews:
         Degrees; the views are uniform over the sphere between these two.
     distance : float
     given : Views or str, optional
-        Instead: one of these; of a specification with random views, drawn anew each time.
+        Views of which one is chosen instead; random views of a specification are drawn again each time.
     """
 
     elevation: tuple[float, float]
@@ -92,7 +92,7 @@ class RandomViews:
 
     @classmethod
     def of_arguments(cls, elevation: Span, distance: float, views: Any) -> "RandomViews":
-        """Check what users give: `views` are a specification of `zbuf_occlude.views.parse`, Views, or None."""
+        """Check arguments: `views` are a specification of `zbuf_occlude.views.parse`, Views, or None."""
         distance = as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
         if not isinstance(views, Views | str | None):
             raise ArgumentError(f"views must be Views or a specification, such as 'fibonacci:24'; got {shown(views)}.")

@@ -33,7 +33,7 @@ NEIGHBOURS = 64
 
 
 class _Opened:
-    """One split of a dataset, opened by whichever process reads it."""
+    """One split of a dataset; each process that reads it opens it."""
 
     def __init__(self, folder: str | os.PathLike[str], split: str) -> None:
         self.folder, self.split = Path(folder), split
@@ -48,12 +48,12 @@ class _Opened:
 
     @cached_property
     def source(self) -> CloudReader:
-        """The dataset; forked processes may share it, for it opens files anew in each."""
+        """The dataset; forked processes may share it: each opens files of its own."""
         return open_dataset(self.folder)
 
 
 class _Split(_Opened):
-    """One split, and what of its clouds is taken."""
+    """One split, and the points and attributes of its clouds that are taken."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class _Split(_Opened):
         return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {held})"
 
     def sample(self, record: Any) -> Sample:
-        """Turn a record into what a training loop takes; points are stored in random order, so the first will do."""
+        """Turn a record into tensors for training; the first points will do, for their order is random."""
         columns = [record["data"]]
         if "normals" in self.attributes:
             columns.append(record["normal"])
@@ -101,8 +101,8 @@ class CloudDataset(_Split, Dataset[Sample]):
         A complete dataset of any format: `hdf5`, or `packed` for a fiftieth of the disk.
     split : {"train", "val", "test"}
     n_points : int, optional
-        The first this many points of each cloud, whose order is random; all by default. Of clouds of unequal size those
-        with fewer repeat some; without it each item has its own size, which `collate_ragged` puts together.
+        Number of first points of each cloud, whose order is random; all by default. Clouds of fewer points repeat some.
+        Without it, clouds of unequal size are items of unequal size, which `collate_ragged` puts together.
     transform : callable, optional
         Applied to each cloud, (n, 3 or more) float32 tensor to tensor: see `augmentation`.
     attributes : sequence of str
@@ -121,17 +121,6 @@ class CloudDataset(_Split, Dataset[Sample]):
     Items are (cloud, label): (n_points, 3, 6 or 9) float32 and () int64, an index into `classes`. In random order
     `packed` unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
-
-    def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        split: str = "train",
-        *,
-        n_points: int | None = None,
-        transform: Transform | None = None,
-        attributes: Sequence[str] = (),
-    ) -> None:
-        super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
 
     def __getitem__(self, index: int) -> Sample:
         """Return (cloud, label)."""
@@ -159,9 +148,10 @@ class CloudStream(_Split, IterableDataset[Sample]):
 
     Notes
     -----
-    A group is what is quickly read together: neighbours in a file, or in `packed` the clouds of one sampling of one
-    object (all of one class: hence the pool). Each epoch takes the groups in another order and mixes the clouds of each
-    pool. Workers share the groups, so every cloud comes once an epoch, however many they are.
+    A group is a set of clouds that are read quickly together: neighbours in a file, or in `packed` the clouds of one
+    sampling of one object. These are of one class; the pool mixes them. Each epoch takes the groups in another order
+    and mixes the clouds of each pool. Workers share the groups, so every cloud comes once an epoch, however many they
+    are.
     """
 
     def __init__(
@@ -210,7 +200,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, ...]]):
         A complete dataset in the format `packed`, which keeps all points of its objects.
     split : {"train", "val", "test"}
     n_partial, n_complete : int
-        Points of each cloud; of fewer, some repeat.
+        Points of each cloud; some repeat where there are fewer.
     return_pose : bool
         Items have the pose of the camera too.
 
@@ -296,9 +286,9 @@ def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tenso
     Returns
     -------
     points : (total, 3) float32
-        Of all clouds, one after the other.
+        Points of all clouds, one cloud after the other.
     offsets : (b + 1,) int64
-        Those of cloud i are ``points[offsets[i]:offsets[i + 1]]``.
+        The points of cloud i are ``points[offsets[i]:offsets[i + 1]]``.
     labels : (b,) int64
     """
     clouds, labels = zip(*samples, strict=True)
@@ -322,7 +312,7 @@ class Rotate:
         c, s = math.cos(turn), math.sin(turn)
         matrix = cloud.new_tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         n_turned = 6 if self.normals else 3
-        # one product for each, of one shape: a larger one would round otherwise on some processors
+        # one product of the same shape for each: a larger product rounds differently on some processors
         turned = [cloud[:, first : first + 3].contiguous() @ matrix for first in range(0, n_turned, 3)]
         return torch.cat([*turned, cloud[:, n_turned:]], dim=1)
 

@@ -127,7 +127,7 @@ def first_hits(
 
 
 class TensorMesh:
-    """A mesh prepared on its device: its corners (f, 3 corners, 3), its bounds (2, 3), and what can be asked of it."""
+    """A mesh prepared on its device: its corners (f, 3 corners, 3), its bounds (2, 3), and its engine."""
 
     def __init__(self, vertices: torch.Tensor, faces: torch.Tensor) -> None:
         with importing("warp", "visibility of tensors"):
@@ -181,7 +181,7 @@ class TensorMesh:
         return face_ids, distances
 
     def _stream(self) -> Any:
-        """Have Warp's work done in its turn among PyTorch's."""
+        """Order Warp's work after PyTorch's earlier work on the same device."""
         device = self.corners.device
         stream = self._warp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
         return self._warp.ScopedStream(stream)
@@ -193,11 +193,11 @@ class TensorMesh:
 
 
 _meshes = WeakKeyDictionary[Any, WeakKeyDictionary[Any, dict[Any, tuple[Any, TensorMesh]]]]()
-"""Memory of vertices to memory of faces to how both lie there: the versions of both, and the mesh prepared of them."""
+"""Prepared meshes, with the versions of their tensors, by memory of vertices, memory of faces and layout."""
 
 
 def tensor_mesh(vertices: torch.Tensor, faces: torch.Tensor) -> TensorMesh:
-    """Return a mesh prepared; that of the same memory, unchanged, if there is one."""
+    """Return the prepared mesh of the same unchanged memory, or prepare one."""
     if not (is_followed(vertices) and is_followed(faces)):
         return TensorMesh(vertices, faces)
     of_vertices = _meshes.setdefault(vertices.untyped_storage(), WeakKeyDictionary())
@@ -219,7 +219,7 @@ def is_followed(values: Any) -> bool:
 
 
 def place_of(tensor: torch.Tensor) -> tuple[object, ...]:
-    """Return where in its memory a tensor is, and how that is read."""
+    """Return the layout of a tensor in its memory."""
     return tensor.data_ptr(), tensor.shape, tensor.stride(), tensor.dtype, tensor.device, tensor.is_neg()
 
 
@@ -243,6 +243,6 @@ def checked(
             got = "one that is sparse or nested"
         raise ArgumentError(f"{name} must be a {want} {kind} tensor on {device}; got {got}.")
     values = values.detach().resolve_neg()
-    if dtype == torch.int32 and values.dtype != dtype:  # what wrapped around would name another face
+    if dtype == torch.int32 and values.dtype != dtype:  # a number that wrapped around would name another face
         values = values.to(torch.int64).clamp(-1, torch.iinfo(dtype).max)
     return values.to(dtype).contiguous()

@@ -4,15 +4,12 @@ Several machines share the jobs of a task: each has the share I/N, or that of it
 """
 
 import re
-from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from types import MappingProxyType
 from typing import Any, Protocol
 
 from zbuf_occlude.base.errors import OptionError
-
-Job = Hashable
 
 
 class Task(Protocol):
@@ -43,8 +40,8 @@ class Task(Protocol):
         """
 
 
-Done = Callable[[Any, Any], Iterable[Job]]
-"""Called with each job that is done and its result; returns jobs to do next, before those that wait."""
+Done = Callable[[Any, Any], None]
+"""Called with each job that is done and its result."""
 
 Run = Callable[[Task, list[Any], Done], None]
 """Does jobs of a task until none is left."""
@@ -58,10 +55,8 @@ def run_here(task: Task, jobs: list[Any], done: Done) -> None:
             from zbuf_occlude.engines.gl.context import GlContext  # late: only these tasks touch GL
 
             gl = stack.enter_context(GlContext.open())
-        queue = deque(jobs)
-        while queue:
-            job = queue.popleft()
-            queue.extendleft(reversed(list(done(job, task.do(job, gl)))))
+        for job in jobs:
+            done(job, task.do(job, gl))
 
 
 def parse_shard(text: str) -> tuple[int, int]:

@@ -96,8 +96,8 @@ class LocalWorker:
             except (EOFError, ConnectionError):
                 if attempt == SERVERS - 1:
                     raise DatasetError(
-                        f"the process that workers are forked from must live; {SERVERS} in a row ended. What they "
-                        "said is above, if anything. Is there memory enough, and can `import numba` succeed?"
+                        f"the process that workers are forked from must live; {SERVERS} in a row ended. Their "
+                        "messages, if any, are above. Is there memory enough, and can `import numba` succeed?"
                     ) from None
         theirs.close()
 

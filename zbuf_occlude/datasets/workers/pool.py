@@ -130,7 +130,7 @@ def do_jobs(
     ----------
     jobs : list of hashable
     done : callable
-        Called with each job that is done and its result; returns jobs to do next.
+        Called with each job that is done and its result.
     start : callable
         Starts a worker for a seat (0 to n_workers - 1).
     wait : callable
@@ -236,7 +236,7 @@ class _Pool:
             self.ends.pop("GL", None)
             self.ends.pop(("job", job), None)
             seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
-            self.queue.extendleft(reversed(list(self.done(job, result))))
+            self.done(job, result)
         elif kind == "broken":
             seat.mesh_id = None  # not the mesh's fault
             self.ends["GL"] += 1

@@ -90,7 +90,7 @@ def _check_reachable(address: str) -> None:
 
 
 class _Actor:
-    """Runs in a Ray process: a thread that works, and short methods that pass on what it says."""
+    """Actor in a Ray process: a thread that works, and short methods that pass on its messages."""
 
     def __init__(self, task: Task) -> None:
         self.connection, theirs = Pipe()
@@ -173,7 +173,7 @@ class RayWorker:
         self.ray.kill(self.actor)
 
     def dismiss(self) -> None:
-        """Kill the actor's process: at rest it has nothing to lose."""
+        """Kill the actor's process, which has no job."""
         self.kill()
 
 

@@ -108,7 +108,7 @@ def shader_constants(shape: WorkGroup, counting: bool) -> dict[str, object]:
         "EPSILON": EPSILON,
         "COUNTING": counting,
         "MAX_LEVELS": MAX_LEVELS,
-        # a level gets opened * WIDTH boxes at a time, and more only when fewer than `opened` of it are left
+        # `opened` boxes add opened * WIDTH boxes to the next level, when fewer than `opened` of that are left
         "STACK": MAX_LEVELS * opened * (WIDTH + 1),
     }
 

@@ -1,12 +1,11 @@
 """Probe of the GL backends in child processes, so that a broken driver cannot harm the calling process."""
 
-import json
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
+from zbuf_occlude.base.child import ChildFailed, call_in_child
 from zbuf_occlude.base.errors import GlError, OccludeError
 from zbuf_occlude.engines.gl.context import GlContext, egl_fix
 from zbuf_occlude.engines.gl.devices import FIXES, VISIBLE, egl_devices, find_gl_problem, left_by_cuda
@@ -20,6 +19,8 @@ LIMITS = (
     "GL_MAX_ARRAY_TEXTURE_LAYERS",
     "GL_MAX_FRAMEBUFFER_LAYERS",
 )
+TIMEOUT = 120.0
+"""Seconds that a driver has to answer."""
 
 
 @dataclass(frozen=True)
@@ -98,25 +99,19 @@ def probe(backend: str, device_index: int | None = None, cuda_device: int | None
     return Probe(backend, device_index, False, cuda_device=cuda_device, reason=answer["reason"], fix=fix)
 
 
-def _ask(*arguments: str, timeout: float = 120.0) -> dict:  # type: ignore[type-arg]  # JSON
-    command = [sys.executable, "-m", "zbuf_occlude.engines.gl.probe", *arguments]
+def _ask(*arguments: str) -> dict[str, Any]:
     try:
-        child = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
-    except subprocess.TimeoutExpired:
-        return {"works": False, "reason": f"the driver did not answer in {timeout:g} seconds."}
-    try:
-        return dict(json.loads(child.stdout.splitlines()[-1]))
-    except (IndexError, ValueError):
-        last_line = (child.stderr.strip().splitlines() or ["no message"])[-1]
-        return {"works": False, "reason": f"the process ended with code {child.returncode}: {last_line}"}
+        found: dict[str, Any] = call_in_child(_answer, *arguments, timeout=TIMEOUT)
+    except ChildFailed as failure:
+        return {"works": False, "reason": f"the process {failure}"}
+    return found
 
 
-def _answer(arguments: list[str]) -> dict:  # type: ignore[type-arg]  # JSON
+def _answer(backend: str, *device: str) -> dict[str, Any]:
     """Return the child's reply about one backend, or about the devices."""
     try:
-        if arguments == ["devices"]:
-            return {"devices": [asdict(device) for device in egl_devices()]}
-        backend, *device = arguments
+        if backend == "devices":
+            return {"devices": [asdict(each) for each in egl_devices()]}
         with GlContext.open(backend, int(device[0]) if device else None) as gl:
             _try_compute(gl)
             return {
@@ -141,7 +136,3 @@ def _try_compute(gl: GlContext) -> None:
     gl.check()
     if written != list(range(64)):
         raise GlError(f"a compute shader must write 0, 1, 2, ...; {gl.renderer} wrote {written[:4]}...")
-
-
-if __name__ == "__main__":
-    sys.stdout.write(json.dumps(_answer(sys.argv[1:])) + "\n")

@@ -29,8 +29,8 @@ def hidden_points(
     faces : FacePlanes
         f faces.
     face_labels : (f, m) int32
-        Labels of each face. A point is not tested against its own faces, which carry its label. With m = 1 and a face's
-        index as its label that is the face of a sample; with m = 3 and the corners' ids, all faces of a vertex.
+        Labels of each face. A point is not tested against its own faces, which carry its label. For samples m = 1, and
+        the label is the face's index. For vertices m = 3, and the labels are the ids of the face's corners.
     positions : (n, 3) float
         World space.
     labels : (n,) int32

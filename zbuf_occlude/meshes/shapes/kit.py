@@ -120,12 +120,13 @@ def quad_grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool
     return MeshPart(flat, faces[~same].astype(np.int32))
 
 
-def fan(ring: FloatArray, tip: ArrayLike | None = None) -> MeshPart:
-    """Return the fan of triangles from a tip (default: the mean) to a ring of points (n, 3), star-shaped about it."""
-    centre = ring.mean(axis=0) if tip is None else np.asarray(tip, dtype=np.float64)
+def fan(ring: FloatArray) -> MeshPart:
+    """Return the fan of triangles from the mean of a ring of points (n, 3), star-shaped about it, to the ring."""
     n = len(ring)
     i = np.arange(n)
-    return MeshPart(np.vstack([ring, centre]), np.stack([i, (i + 1) % n, np.full(n, n)], axis=1).astype(np.int32))
+    return MeshPart(
+        np.vstack([ring, ring.mean(axis=0)]), np.stack([i, (i + 1) % n, np.full(n, n)], axis=1).astype(np.int32)
+    )
 
 
 def loft(rings: FloatArray, *, caps: str = "both") -> MeshPart:
@@ -243,9 +244,9 @@ def cylinder(radius: float, z0: float, z1: float, segments: int, top: float | No
     return revolve([(0.0, z0), (radius, z0), (upper, z1), (0.0, z1)], segments)
 
 
-def ellipsoid(centre: Point, radii: Point, segments: int, low: float = -90.0, high: float = 90.0) -> MeshPart:
-    """Return an ellipsoid, or the zone of it between two latitudes in degrees."""
-    latitude = np.linspace(low, high, max(3, round(segments * (high - low) / 360.0)) + 1)
+def ellipsoid(centre: Point, radii: Point, segments: int, low: float = -90.0) -> MeshPart:
+    """Return an ellipsoid, or the part of it above a latitude in degrees."""
+    latitude = np.linspace(low, 90.0, max(3, round(segments * (90.0 - low) / 360.0)) + 1)
     rz = np.stack([np.where(np.abs(latitude) == 90.0, 0.0, cosd(latitude)), sind(latitude)], axis=1)
     return revolve(rz, segments).scaled(*radii).at(*centre)
 

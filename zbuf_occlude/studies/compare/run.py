@@ -21,13 +21,13 @@ import numpy as np
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import BoolArray
+from zbuf_occlude.base.child import Child, ChildFailed
 from zbuf_occlude.base.errors import DatasetError, OccludeError
 from zbuf_occlude.base.provenance import n_cores, versions
 from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.meshes.shapes.solids import box
 from zbuf_occlude.studies.compare import metrics
 from zbuf_occlude.studies.compare.cases import Case, Question, Subject, row_key
-from zbuf_occlude.studies.compare.child import Child, ChildFailed
 from zbuf_occlude.studies.compare.metrics import ReferenceAnswer
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
@@ -204,9 +204,10 @@ class MeasurementRunner:
         try:
             return self._child.answer(timeout)
         except ChildFailed as failure:
-            self._child.kill()
             self._child = None
-            raise MeasurementFailed(f"{failure}{' while warming up' if call[0] is warm_up else ''}") from None
+            raise MeasurementFailed(
+                f"its process {failure}{' while warming up' if call[0] is warm_up else ''}"
+            ) from None
         except OccludeError as error:
             raise MeasurementFailed(str(error)) from None
         except Exception as error:  # any failure of a method becomes a row

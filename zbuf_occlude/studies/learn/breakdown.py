@@ -1,9 +1,9 @@
 """Scores of a test with intervals by bootstrap: of all clouds, by the range of the sensor, and by the number of points.
 
-Clouds of one object or of one sweep are alike, so what is drawn anew is whole objects or whole sweeps: the percentile
-interval of Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters. Where all clouds
-are right, or all wrong, no sample differs: the bound is then that of Clopper and Pearson, Biometrika 26, 1934, for n
-objects or sweeps, 0.025^(1/n).
+Clouds of one object or of one sweep are alike, so whole objects or whole sweeps are drawn: the percentile interval of
+Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13, over clusters. Where all clouds are right, or
+all wrong, no sample differs: the bound is then that of Clopper and Pearson, Biometrika 26, 1934, for n objects or
+sweeps, 0.025^(1/n).
 """
 
 import math

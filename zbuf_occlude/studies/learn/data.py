@@ -34,9 +34,9 @@ class CloudSet:
     classes: tuple[str, ...]
     group_ids: NDArray[np.int64]  # (m,), equal for clouds of one origin: one object, or one sweep of a real LiDAR
     elevations: NDArray[np.float32]  # (m,), elevation of the camera, radians; NaN for a complete shape
-    ranges: NDArray[np.float32] | None = None  # (m,), of scans, metres; NaN where it is unknown, the default
+    ranges: NDArray[np.float32] | None = None  # (m,), ranges of scans, metres; NaN, the default: unknown
     n_measured: NDArray[np.int64] | None = None  # (m,), points of scans before some were drawn; 0, the default: unknown
-    scale: str = "cloud"  # as `DatasetConfig.scale`; of "metres" classifiers keep the sizes
+    scale: str = "cloud"  # as `DatasetConfig.scale`; with "metres" classifiers use the sizes
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)

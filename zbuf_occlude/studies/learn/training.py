@@ -138,8 +138,7 @@ class Trained:
         ----------
         points : (n, 3) float
             z up, in any place and unit: the network centres and scales them; in metres for a model that was trained on
-            clouds in metres. Of more points than the clouds of the
-            training had, some are drawn at random; of fewer, some repeat.
+            clouds in metres. The network gets as many points as in training: some are drawn at random, or some repeat.
 
         Raises
         ------

@@ -180,7 +180,7 @@ def recipe_in_words(recipe: tuple[str, str, str]) -> str:
 
 
 def plot_confusions(results: Sequence[Result]) -> Figure:
-    """Plot the answers about real objects of each model's best training set: fractions of each class, all seeds."""
+    """Plot the confusion matrix of each model's best training set on real objects, as fractions over all seeds."""
     mine = select_results(results, REAL)
     models = models_of(mine, REAL)
     figure, panels = canvas(4.2 * len(models), 4.6, len(models))

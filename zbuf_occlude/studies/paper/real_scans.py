@@ -13,7 +13,7 @@ from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.datasets.real.sweeps import Loader, SweepLayout, find_sweeps
 from zbuf_occlude.datasets.real.sydney import CLASSES, UPS, VEHICLES, SydneyScan, find_scans, read_scan
-from zbuf_occlude.datasets.records import draw, unit_box_transform
+from zbuf_occlude.datasets.records import draw_points, unit_box_transform
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.studies.learn.data import CloudSet
 
@@ -36,7 +36,9 @@ def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.floa
 
     Points repeat only where there are fewer than `n_points`.
     """
-    chosen = np.asarray(points[draw(np.arange(len(points)), n_points, np.random.default_rng(seed_of(0, name)))], float)
+    chosen = np.asarray(
+        points[draw_points(np.arange(len(points)), n_points, np.random.default_rng(seed_of(0, name)))], float
+    )
     centre, factor = unit_box_transform(chosen)
     return np.asarray((chosen - centre) * factor, np.float32)
 

@@ -29,7 +29,7 @@ FOLDER, STUDY, AREAS, PICTURE, REAL_PICTURE = "results", "study.json", "areas.js
 real objects beside simulated ones."""
 
 NONE = "–"
-"""Text of a figure that is not known."""
+"""Text in place of a number that is not known."""
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},

@@ -6,7 +6,6 @@ datasets, trainings from their last checkpoints, and results.
 
 from collections.abc import Collection, Sequence
 from datetime import date
-from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,10 @@ import numpy as np
 import torch
 
 from zbuf_occlude.base import atomic
+from zbuf_occlude.base.child import Child, ChildFailed, report_progress
 from zbuf_occlude.base.errors import DatasetError, OptionError, UnavailableError
 from zbuf_occlude.base.provenance import n_cores, versions
 from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
-from zbuf_occlude.studies.compare.child import Child, ChildFailed, report_progress
 from zbuf_occlude.studies.compare.run import machine
 from zbuf_occlude.studies.learn.evaluation import evaluate
 from zbuf_occlude.studies.learn.training import Epoch, TrainConfig, train
@@ -180,30 +179,30 @@ def run_trials(
         for trial in missing:
             _run_trial(trial, size, folder, progress.update_trial)
         return len(missing)
-    begin = partial(_begin_worker, max(1, n_cores() // workers))
-    children = [Child(begin) for _ in range(workers)]
+    n_threads, children = max(1, n_cores() // workers), [Child() for _ in range(workers)]
     idle, busy, left = children, dict[Any, Child](), iter(missing)
     try:
         while True:
             for child, trial in zip(idle, left, strict=False):
-                child.start(_run_trial, trial, size, folder)
+                child.start(_run_alone, n_threads, trial, size, folder)
                 busy[child.pipe] = child
             if not busy:
                 return len(missing)
             idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.update_trial)]
     except ChildFailed as failure:
         raise UnavailableError(
-            f"A worker of the training failed: {failure}. Memory may be exhausted. Results so far are kept; run the "
-            "same command again."
+            f"A worker of the training failed: its process {failure}. Memory may be exhausted. Results so far are "
+            "kept; run the same command again."
         ) from None
     finally:
         for child in children:
             child.kill()
 
 
-def _begin_worker(threads: int) -> None:
-    """Set the number of threads of a training process."""
-    torch.set_num_threads(threads)
+def _run_alone(n_threads: int, trial: Trial, size: Size, folder: Path) -> None:
+    """Run a trial in a child process, with its share of the cores."""
+    torch.set_num_threads(n_threads)
+    _run_trial(trial, size, folder, report_progress)
 
 
 def _missing_tests(trial: Trial, folder: Path) -> list[str]:
@@ -212,7 +211,7 @@ def _missing_tests(trial: Trial, folder: Path) -> list[str]:
     return [name for name in trial.tests if result is None or name not in result.tests]
 
 
-def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_progress) -> None:
+def _run_trial(trial: Trial, size: Size, folder: Path, report: Any) -> None:
     """Train or load a classifier, run its missing tests, and write its result."""
     report(trial.key, 0.0)
     path, names = path_of(folder, trial.key), _missing_tests(trial, folder)

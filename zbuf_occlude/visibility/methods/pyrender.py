@@ -1,27 +1,18 @@
 """`pyrender`: depth images by pyrender in a process of its own, and a depth test of the points.
 
 pyrender ends EGL's display for its whole process when it closes, and needs PYOPENGL_PLATFORM set before it is imported.
-It therefore runs in a process of its own, which executes this module and ends when its pipe is closed.
+It therefore runs in a child process.
 """
 
 import os
-import signal
-import socket
-import struct
-import subprocess
-import sys
-import tempfile
 import threading
-import weakref
-from collections.abc import Iterator
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from pathlib import Path
-from typing import IO, Any
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.base.child import Child, ChildFailed
 from zbuf_occlude.base.errors import GlError, OccludeError, OptionError, check_fraction
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.engines.gl.devices import FIXES, default_device
@@ -111,12 +102,9 @@ class PyrenderOccluder(VisibilityQuery):
         self._slope_bias = slope_bias
         self._margin = 2.0 / resolution
         self._turn, self._process = threading.Lock(), os.getpid()
-        self._child = _Child()
-        try:
-            self.renderer = str(self._child.request(normal.vertices, normal.faces, resolution))
-        except BaseException:
-            self._child.close()
-            raise
+        self._child = Child(**_environment())
+        advice = f"Is EGL installed ({FIXES['egl']}), and EGL_DEVICE_ID right?"
+        self.renderer = str(self._ask(_open, normal.vertices, normal.faces, resolution, advice=advice))
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         if os.getpid() != self._process:
@@ -127,25 +115,37 @@ class PyrenderOccluder(VisibilityQuery):
         points = points.transformed(self._scale, self._shift)
         answer = np.ones((len(eyes), len(points)), dtype=bool)
         with self._turn:  # one request at a time: a reply belongs to the thread that asked
-            try:
-                for eye, row in zip(eyes * self._scale + self._shift, answer, strict=True):
-                    for view, frustum, seen in self._cameras(eye, points.positions):
-                        row[seen] = depth_test(
-                            self.depth_image(view, frustum),
-                            view,
-                            frustum,
-                            points if seen is Ellipsis else points.select(seen),
-                            tolerance=self._tolerance,
-                            slope_bias=self._slope_bias,
-                        )
-            except BaseException:  # also after an interrupt: a pending reply would be taken for the next request's
-                self._child.close()
-                raise
+            for eye, row in zip(eyes * self._scale + self._shift, answer, strict=True):
+                for view, frustum, seen in self._cameras(eye, points.positions):
+                    row[seen] = depth_test(
+                        self.depth_image(view, frustum),
+                        view,
+                        frustum,
+                        points if seen is Ellipsis else points.select(seen),
+                        tolerance=self._tolerance,
+                        slope_bias=self._slope_bias,
+                    )
         return answer
 
     def depth_image(self, view: FloatArray, frustum: Frusta) -> FloatArray:
         """Render one eye depth image, (resolution, resolution), lowest row first, in pyrender's normalised space."""
-        return np.asarray(self._child.request(view, frustum))
+        return np.asarray(self._ask(_render, view, frustum))
+
+    def _ask(self, function: Callable[..., Any], *args: Any, advice: str = "Try again.") -> Any:
+        try:
+            self._child.start(function, *args)
+            return self._child.answer(TIMEOUT)
+        except ChildFailed as failure:
+            raise GlError(f"pyrender's process {failure}. Prepare the mesh again.") from None
+        except OccludeError:
+            self._child.close()
+            raise
+        except Exception as error:  # pyrender asserts, PyOpenGL has its own exceptions
+            self._child.close()
+            raise GlError(f"pyrender's process reports {type(error).__name__}: {error}. {advice}") from None
+        except BaseException:  # an interrupt: a pending reply would be taken for the next request's
+            self._child.close()
+            raise
 
     def _cameras(self, eye: FloatArray, positions: FloatArray) -> Iterator[tuple[FloatArray, Frusta, Any]]:
         """Yield view matrix, frustum and index of its points (``...`` for all) of each image that the eye needs."""
@@ -231,80 +231,11 @@ def depth_slopes(view: FloatArray, frustum: Frusta, points: SurfacePoints, size:
     )
 
 
-class _Child:
-    """Child process and the pipe to it. No call blocks for longer than `TIMEOUT`."""
-
-    def __init__(self) -> None:
-        ours, theirs = Pipe()
-        with socket.socket(fileno=os.dup(ours.fileno())) as end:
-            # poll() has a timeout, but a message may stop half-way: the socket gets a timeout too
-            end.setblocking(True)  # independent of socket.setdefaulttimeout
-            for direction in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-                end.setsockopt(socket.SOL_SOCKET, direction, struct.pack("ll", int(TIMEOUT), 0))
-        self._pipe = ours
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `_end`)
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                env=_environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._log,
-            )
-        # also runs when the query is garbage-collected, and when the interpreter ends
-        self.close = weakref.finalize(self, _end, self.process, ours, self._log)
-
-    def request(self, *arguments: Any) -> Any:
-        """Send a request and return the reply, or raise the child's error."""
-        try:
-            self._pipe.send(arguments)
-            if not self._pipe.poll(TIMEOUT):
-                raise TimeoutError
-            reply = self._pipe.recv()
-        except (OSError, EOFError):
-            raise self._failure() from None
-        if isinstance(reply, OccludeError):
-            self.close()
-            raise reply
-        return reply
-
-    def _failure(self) -> GlError:
-        """End the process, and return an error with the way it had ended, or that it did not answer."""
-        if not self.close.alive:
-            return GlError("An earlier error ended pyrender's process. Prepare the mesh again.")
-        try:
-            code = self.process.wait(timeout=1.0)  # the pipe may end a little before the process does
-        except subprocess.TimeoutExpired:
-            how = f"did not answer in {TIMEOUT:g} seconds"
-            self.process.kill()
-        else:
-            how = f"ended by signal {-code}" if code < 0 else f"ended with code {code}"
-        self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
-        self.close()
-        message = f", with the message: {lines[-1]}" if lines else ""
-        return GlError(f"pyrender's process {how}{message}. Prepare the mesh again.")
-
-
-def _end(process: "subprocess.Popen[bytes]", pipe: Connection, log: IO[bytes]) -> None:
-    pipe.close()  # this ends the process
-    try:
-        process.wait(timeout=5.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    log.close()
-
-
 def _environment() -> dict[str, str]:
-    """Return this process's environment, with EGL for pyrender and this process's import path."""
+    """Return the variables that make pyrender draw by EGL, on the device that this process's variables name."""
     named = os.environ.get("ZBUF_OCCLUDE_GL", "").partition(":")[2]
     device = os.environ.get("EGL_DEVICE_ID") or named or os.environ.get("GLCONTEXT_DEVICE_INDEX")
-    device = device or str(default_device())
-    package = str(Path(__file__).parents[3])
-    paths = [package, *(os.path.abspath(path) for path in sys.path)]
-    return {**os.environ, "PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device, "PYTHONPATH": os.pathsep.join(paths)}
+    return {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device or str(default_device())}
 
 
 class _Renderer:
@@ -342,32 +273,21 @@ class _Renderer:
         return np.where(image > 0.0, image, np.float32(np.inf))
 
 
-def _serve(pipe: Connection) -> None:
-    """Answer requests until the pipe ends.
-
-    The reply to (vertices, faces, resolution) is GL_RENDERER, that to each (view, frustum) an image. An OccludeError is
-    the last reply.
-    """
-    advice = f"Is EGL installed ({FIXES['egl']}), and EGL_DEVICE_ID right?"
-    try:
-        with importing("pyrender", "method 'pyrender'"):
-            import pyrender
-
-            _ = pyrender.OffscreenRenderer  # fails for an empty package, which can be imported
-        renderer = _Renderer(*pipe.recv())
-        pipe.send(renderer.name)
-        advice = "Try again."
-        while True:
-            pipe.send(renderer.render(*pipe.recv()))
-    except (EOFError, ConnectionError):
-        return  # the other end has closed the pipe
-    except OccludeError as error:
-        pipe.send(error)
-    except Exception as error:  # pyrender asserts, PyOpenGL has its own exceptions
-        pipe.send(GlError(f"pyrender's process reports {type(error).__name__}: {error}. {advice}"))
+_renderer: _Renderer
+"""The child's renderer."""
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C, and closes the pipe
-    _serve(Connection(int(sys.argv[1])))
-    os._exit(0)  # an orderly shutdown of pyrender and EGL would take half a second
+def _open(vertices: FloatArray, faces: IntArray, resolution: int) -> str:
+    """Open the child's renderer; return GL_RENDERER."""
+    global _renderer
+    with importing("pyrender", "method 'pyrender'"):
+        import pyrender
+
+        _ = pyrender.OffscreenRenderer  # fails for an empty package, which can be imported
+    _renderer = _Renderer(vertices, faces, resolution)
+    return _renderer.name
+
+
+def _render(view: FloatArray, frustum: Frusta) -> np.ndarray:
+    """Return an image of the child's renderer."""
+    return _renderer.render(view, frustum)

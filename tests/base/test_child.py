@@ -6,13 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.processes import ended
 from zbuf_occlude import OptionError
-from zbuf_occlude.studies.compare.child import Child, ChildFailed, report_progress
+from zbuf_occlude.base.child import Child, ChildFailed, report_progress
 
 
 @pytest.fixture
@@ -73,25 +73,29 @@ def test_a_crash_and_a_timeout_are_exceptions(child: Child, call: tuple[Any, ...
 
 PARENT = """
 import os, time
-from zbuf_occlude.studies.compare.child import Child
-if __name__ == "__main__":
-    child = Child()
-    child.start(os.getpid)
-    print(child.answer(), flush=True)
-    child.start(time.sleep, 600)
-    time.sleep(600)
+from zbuf_occlude.base.child import Child
+child = Child()
+child.start(os.getpid)
+print(child.answer(), flush=True)
+child.start(time.sleep, 600)
+time.sleep(600)
 """
 
 
-def test_it_does_not_outlive_its_parent(tmp_path: Any) -> None:
+def test_a_script_needs_no_main_guard_and_the_child_does_not_outlive_it(tmp_path: Any) -> None:
     (tmp_path / "parent.py").write_text(PARENT)
     parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     pid = int(parent.stdout.readline())
     parent.kill()
     parent.wait()
-    for _ in range(300):
-        if not os.path.exists(f"/proc/{pid}") or " Z " in Path(f"/proc/{pid}/stat").read_text():
-            return
-        time.sleep(0.1)
-    raise AssertionError("still there after 30 s")
+    assert ended(pid)
+
+
+def test_what_it_printed_last_is_in_the_error(child: Child) -> None:
+    ask(child, os.write, 2, b"no memory\ntoo many pixels\n")
+    with pytest.raises(ChildFailed, match="exit code 4: too many pixels"):
+        ask(child, os._exit, 4)
+    with pytest.raises(ChildFailed, match="by an earlier error"):
+        ask(child, abs, -1)
+    assert child.process.returncode == 4, "waited for"
