@@ -2,7 +2,7 @@
 
     python benchmarks/drive_headings.py LOG [LOG ...]
 
-LOG: as of benchmarks/drive_logs.py. For each labelled road user the angle between its axis, front or rear, and the
+LOG: as of `zbuf-occlude compare-drives`. For each labelled road user the angle between its axis, front or rear, and the
 direction to the sensor. KITTI labels only what its camera sees: a car that is parallel to the road is at most 41
 degrees from its axis there. So only angles below `WIDEST` are compared, with the law cut off there. `half_within` is
 fitted to them by maximum likelihood; its interval has the likelihood's ratio of 95 %. Objects that are labelled in
@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 from common import heads, row, run
-from drive_logs import DriveSweep, read_log
 
+from zbuf_occlude.datasets.real.sweeps import Sweep, find_sweeps
 from zbuf_occlude.views import HALF_WITHIN
 
 ROAD_USERS = ("car", "van", "truck", "bus", "vehicle", "cycl", "pedestrian", "person", "rider", "tram", "trailer")
@@ -25,13 +25,14 @@ LIKELIHOOD_RATIO = 1.92
 """Half of the 95 % quantile of the chi-squared distribution of one degree of freedom."""
 
 
-def azimuths_in(sweep: DriveSweep) -> list[float]:
+def azimuths_in(sweep: Sweep) -> list[float]:
     """Return the azimuth of the sensor about each road user, degrees from its front, in -180..180."""
-    found, at = [], sweep.mounts[0][:2, 3]
+    found = []
     for box in sweep.boxes:
-        if any(word in box.category.lower() for word in ROAD_USERS):
-            x, y = at - box.centre[:2]
-            found.append(float(np.degrees(np.remainder(np.arctan2(y, x) - box.yaw + np.pi, 2 * np.pi) - np.pi)))
+        if any(word in box.label.lower() for word in ROAD_USERS):
+            (x, y), ahead = (sweep.middle - box.centre)[:2], box.rotation[:, 0]
+            azimuth = np.arctan2(y, x) - np.arctan2(ahead[1], ahead[0])
+            found.append(float(np.degrees(np.remainder(azimuth + np.pi, 2 * np.pi) - np.pi)))
     return found
 
 
@@ -48,7 +49,7 @@ def log_likelihood(angles: np.ndarray, half_within: float) -> float:
 
 
 def main(*logs: Path) -> None:
-    azimuths = np.abs([each for log in logs for sweep in read_log(log).sweeps for each in azimuths_in(sweep)])
+    azimuths = np.abs([each for log in logs for load in find_sweeps(log)[1] for each in azimuths_in(load())])
     angles = np.minimum(azimuths, 180.0 - azimuths)
     n_all, n_rear, angles = len(angles), int((azimuths > 90.0).sum()), np.sort(angles[angles < WIDEST])
     tried = np.arange(3.0, 60.0, 0.1)

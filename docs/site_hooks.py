@@ -35,6 +35,11 @@ API = {
     "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
     "sensors": ("Sensors", "sensors.", ("make", "Sensor", "NoiseModel")),
+    "drives": (
+        "Drives and rigs",
+        "sensors.",
+        ("scan_drive", "DriveSweep", "read_rig", "Rig", "Mounted", "mount_pose"),
+    ),
     "motion": ("Places and motion of sensors", "sensors.", ("look_at", "Motion", "read_trajectory")),
     "real_scans": ("Real scans", "", ("compare_scans", "studies.compare.scan_comparison.ScanComparison")),
     "crops": ("Crops", "", ("crop_objects", "datasets.real.crops.Crops")),

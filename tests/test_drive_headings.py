@@ -8,10 +8,10 @@ import pytest
 
 from tests.scenes import DATA
 from zbuf_occlude import views
+from zbuf_occlude.datasets.real.kitti import read_kitti
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-drive_logs = pytest.importorskip("drive_logs", reason="SciPy is not installed")
 headings = pytest.importorskip("drive_headings")
 
 KITTI = DATA / "kitti" / "training"
@@ -21,7 +21,7 @@ KITTI = DATA / "kitti" / "training"
 @pytest.mark.parametrize("stem", ["000008", "000021"])
 def test_azimuths_are_kittis_observation_angles(stem: str) -> None:
     """Alpha of a label is pi / 2 where the camera, 0.3 m before the LiDAR, sees the front."""
-    (sweep,) = (each for each in drive_logs.of_kitti(DATA / "kitti", []) if each.cloud.stem == stem)
+    sweep = read_kitti(KITTI / "velodyne" / f"{stem}.bin")
     rows = [line.split() for line in (KITTI / "label_2" / f"{stem}.txt").read_text().splitlines()]
     alphas = [np.degrees(float(row[3])) for row in rows if row[0] not in ("DontCare", "Misc")]
     found = headings.azimuths_in(sweep)

@@ -13,7 +13,8 @@ from zbuf_occlude.sensors.rays import PATTERNS, Rays
 
 ASKED_FOR = (
     *("vlp-16", "hdl-32e", "vlp-32c", "hdl-64e", "os1-64", "vls-128", "mid-40", "kinect-v1", "azure-kinect-nfov"),
-    *("realsense-d435", "pcn", "modelnet40-c", "pinhole"),
+    *("realsense-d435", "pcn", "modelnet40-c", "pinhole", "mid-360", "avia", "xt32", "pandar128", "at128", "os0-128"),
+    *("os1-128", "os2-128", "m1", "realsense-d455", "realsense-l515"),
 )
 LASERS = DATA / "lidar" / "lasers.tsv"
 
@@ -112,6 +113,58 @@ def test_a_risley_sensor_fills_a_cone() -> None:
     assert (cells > 0).all()  # no hole anywhere
 
 
+@pytest.mark.parametrize(
+    ("name", "across", "upwards", "n"),
+    [
+        ("mid-360", 360.0, (-7.0, 52.0), 20_000),
+        ("avia", 70.4, (-38.6, 38.6), 24_000),
+        ("xt32", 360.0, (-16.0, 15.0), 64_000),
+        ("pandar128", 360.0, (-25.0, 15.0), 230_400),
+        ("at128", 120.0, (-12.5, 12.9), 153_600),
+        ("os0-128", 360.0, (-45.0, 45.0), 131_072),
+        ("os1-128", 360.0, (-22.5, 22.5), 131_072),
+        ("os2-128", 360.0, (-11.25, 11.25), 131_072),
+        ("m1", 120.0, (-12.5, 12.5), 75_000),
+    ],
+)
+def test_fields_of_view_and_points_are_those_of_the_data_sheets(
+    name: str, across: float, upwards: tuple[float, float], n: int
+) -> None:
+    rays = make(name).rays()
+    azimuth, elevation = angles(rays)
+    assert len(rays) == n  # points a second over ten turns or frames
+    assert np.allclose((elevation.min(), elevation.max()), upwards, atol=0.35)
+    assert np.ptp(azimuth) == pytest.approx(across, abs=5.5)  # lasers are up to 4.7 degrees to the side
+
+
+def test_shots_of_a_non_repetitive_sensor_are_even_and_never_repeat() -> None:
+    """Equal solid angles get equal numbers of shots, in any part of the time; the next scan falls between the last."""
+    sensor = make("mid-360")
+    first, second = sensor.rays(), make(sensor, begin=0.1).rays()
+    low, high = np.sin(np.radians([-7.0, 52.0]))
+    bounds = [[-np.pi, np.pi], [low, high]]
+    for some in (first.directions, first.directions[:5000], second.directions):
+        azimuth = np.arctan2(some[:, 1], some[:, 0])
+        cells = np.histogram2d(azimuth, some[:, 2], bins=10, range=bounds)[0]
+        assert np.allclose(cells, len(some) / 100, atol=6)
+    both = np.concatenate([first.directions, second.directions])
+    assert len(np.unique(both.round(9), axis=0)) == len(both)
+    assert first.times is not None
+    assert first.times[-1] == pytest.approx(0.1, abs=1e-5)
+    assert sensor.covers(both).all()
+    assert not sensor.covers(np.array([[1.0, 0.0, 2.0], [1.0, 0.0, -0.2]])).any()
+    sphere = 2 * np.pi * (high - low) * 5.0**2
+    assert sensor.ray_density(5.0 * both[:1]) == pytest.approx(20_000 / sphere)
+
+
+def test_evenly_spaced_lasers_in_short(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("kind: spinning\ncolumns: 36\nelevations: {from: 15, to: -25, n: 5}\n")
+    assert make(path).pattern["lasers"] == [[-25, 0], [-15, 0], [-5, 0], [5, 0], [15, 0]]
+    path.write_text("kind: spinning\ncolumns: 36\nelevations: {from: 3, to: 9, n: 1}\n")
+    assert make(path).pattern["lasers"] == [[3, 0]]
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-3, 0.2, 2.0, 4.0])
 @pytest.mark.parametrize("name", ["hdl-64e", "mid-40", "kinect-v1"])
 def test_the_rays_near_a_direction_are_those_a_cosine_finds(name: str, angle: float) -> None:
@@ -159,13 +212,22 @@ def test_docs_show_in_ten_lines_how_to_add_a_sensor(tmp_path: Path) -> None:
     [
         ("a.yaml", "kind: spinning\nlasers: [1, 2]\ncolums: 3\n", "one of lasers, columns, .*; got 'colums'"),
         ("a.yaml", "kind: spinning\ncolumns: 3\n", "must have lasers"),
-        ("a.yaml", "kind: rotating\n", "one of pinhole, spinning, risley, linear, list; got 'rotating'"),
+        (
+            "a.yaml",
+            "kind: rotating\n",
+            "one of pinhole, spinning, risley, non_repetitive, linear, list; got 'rotating'",
+        ),
         ("a.yaml", "lasers: [1, 2]\n", "must have a line `kind:`"),
         ("a.yaml", "kind: [", "must be YAML"),
         ("a.yaml", "[" * 5000, "must be YAML"),
         ("a.yaml", "kind: spinning\nlasers: [1]\ncolumns: 2026-13-45\n", "whole number.*2026-13-45"),
         ("a.yaml", "kind: spinning\nlasers: [a, b]\ncolumns: 3\n", "lasers .* degrees; got 'a'"),
         ("a.yaml", "kind: spinning\nlasers: [1]\ncolumns: 3\nsigma: -1\n", "sigma of a sensor .*; got '?-1"),
+        ("a.yaml", "kind: spinning\nelevations: {from: 1, n: 3}\ncolumns: 3\n", "from: DEGREES.*got {'from': '1'"),
+        ("a.yaml", "kind: spinning\nelevations: 5\ncolumns: 3\n", "from: DEGREES.*got '5'"),
+        ("a.yaml", "kind: spinning\nelevations: {from: 1, to: 99, n: 3}\ncolumns: 3\n", "to of elevations.*got 99"),
+        ("a.yaml", "kind: spinning\nelevations: {from: 1, to: 9, n: 1.5}\ncolumns: 3\n", "n of elevations.*got 1.5"),
+        ("a.yaml", "kind: spinning\nlasers: [1]\nelevations: {from: 1, to: 9, n: 2}\ncolumns: 3\n", "not both"),
         ("a.yaml", "kind: pinhole\nwidth: 3\nheight: 3\n", "fov or f, and not both"),
         ("a.csv", "azimuth,elevatoin\n1,2\n", r"azimuth,elevation or x,y,z\[,ring\]; found: azimuth, elev"),
         ("a.csv", "azimuth,elevation\n1,north\n", "degrees; got 'north'"),

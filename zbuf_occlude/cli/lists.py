@@ -93,7 +93,7 @@ def sensors_command(name: str | None, picture: Path | None, as_json: bool) -> No
         echo(json.dumps([_document(sensor) for sensor in table], indent=2))
     elif name is None:
         for sensor in table:
-            echo(f"{sensor.name:20} {sensor.kind:9} {sensor.summary}")
+            echo(f"{sensor.name:20} {sensor.kind:14} {sensor.summary}")
     else:
         echo("\n".join(_sensor_lines(table[0])))
     if picture is not None:

@@ -70,6 +70,24 @@ def sensor_options(sensor: str | None) -> Decorator:
     )
 
 
+trajectory_options = all_of(
+    click.option("--velocity", type=vector, metavar="X,Y,Z", help="Velocity of the sensor: m/s forward, left, up."),
+    click.option(
+        "--turn",
+        type=float,
+        default=0.0,
+        callback=finite,
+        help="Yaw rate of the sensor, degrees per second, left positive.",
+    ),
+    click.option(
+        "--trajectory",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="File of poses t x y z qx qy qz qw; replaces --velocity and --turn.",
+    ),
+)
+"""The options --velocity, --turn and --trajectory."""
+
+
 def scan_options(sensor: str) -> Decorator:
     """Return the options of a scan; `sensor` is the default of --sensor."""
     scenes = ", ".join(kind.name for kind in KINDS)
@@ -108,19 +126,7 @@ def scan_options(sensor: str) -> Decorator:
             metavar="NAME[=SHARE]",
             help="Transparent material (alpha of glTF, d of MTL); *: all.",
         ),
-        click.option("--velocity", type=vector, metavar="X,Y,Z", help="Velocity of the sensor: m/s forward, left, up."),
-        click.option(
-            "--turn",
-            type=float,
-            default=0.0,
-            callback=finite,
-            help="Yaw rate of the sensor, degrees per second, left positive.",
-        ),
-        click.option(
-            "--trajectory",
-            type=click.Path(path_type=Path, exists=True, dir_okay=False),
-            help="File of poses t x y z qx qy qz qw; replaces --velocity and --turn.",
-        ),
+        trajectory_options,
         click.option("--deskew", is_flag=True, help="Correct for the sensor's motion: points at their true positions."),
     )
 

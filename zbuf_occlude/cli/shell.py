@@ -129,12 +129,12 @@ PANELS = {
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size complete "
     "subset overlap seed attributes seconds row_seconds reference_points",
     "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height transparent least_points "
-    "velocity turn trajectory deskew eye target up_axis poses depth_unit min_density",
+    "rig velocity turn trajectory deskew sweeps eye target up_axis poses depth_unit min_density",
     "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
     "objects quick",
-    "Output": "out format resolution scale frame axes picture overwrite",
+    "Output": "out format layout sequence resolution scale frame axes picture overwrite",
     "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu retry_failed "
-    "dry_run device mixed_precision help",
+    "dry_run device mixed_precision host port opens help",
 }
 """Parameters of each panel of the help; parameters in none go to the last panel."""
 

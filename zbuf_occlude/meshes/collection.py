@@ -67,7 +67,7 @@ class MeshEntry:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
 
     def has_changed(self, source: MeshSource) -> bool:
-        """Return whether the mesh differs from this source, by the sizes of its files or the digest of a computed mesh."""
+        """Return whether the mesh differs from this source, by its files' sizes or a computed mesh's digest."""
         if self.path is None:
             return self.origin.sha256 not in ("", source.sha256)
         return has_changed(self.path, source)

@@ -1,7 +1,7 @@
 """Bounding boxes of a scene's objects as KITTI labels them, and the image of the camera beside the LiDAR."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.colors import Bytes
 from zbuf_occlude.sensors.bop import silhouette
-from zbuf_occlude.sensors.casting import prepare_scene
+from zbuf_occlude.sensors.casting import placed_at, prepare_scene
 from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
-from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scenes.kinds import METHOD, prepared
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene
@@ -69,12 +68,8 @@ def boxes_of(scene: Scene, occluder: VisibilityQuery, pose: FloatArray, found: S
     for row, (box, each) in enumerate(zip(boxes, scene.placed, strict=True)):
         if each.is_background:
             continue
-        low, high = each.mesh.bounds
-        sides, turn = high - low, float(np.arctan2(each.pose[1, 0], each.pose[0, 0]))
-        if sides[1] > sides[0]:
-            sides, turn = sides[[1, 0, 2]], turn - np.pi / 2
-        box["label"], box["sides"], box["yaw"] = as_label(each.label), sides, (turn + np.pi) % (2 * np.pi) - np.pi
-        box["centre"] = each.pose[:3, :3] @ ((low + high) / 2) + each.pose[:3, 3]
+        box["label"] = as_label(each.label)
+        box["centre"], box["sides"], box["yaw"] = box_of(each)
         whole, visible = _whole(each, frame), frame.instances == row
         inside = whole[HEIGHT : 2 * HEIGHT, WIDTH : 2 * WIDTH] | visible
         box["truncated"] = 1.0 - inside.sum() / max(whole.sum(), inside.sum(), 1)
@@ -83,6 +78,24 @@ def boxes_of(scene: Scene, occluder: VisibilityQuery, pose: FloatArray, found: S
             box["bbox"] = columns[0], rows[0], columns[-1], rows[-1]
             box["hidden"] = 1.0 - visible.sum() / inside.sum()
     return boxes, frame.rgba[..., 0]
+
+
+class ObjectBox(NamedTuple):
+    """The box of an object: centre; length, width and height; heading, radians. World space, metres."""
+
+    centre: FloatArray
+    sides: FloatArray
+    yaw: float
+
+
+def box_of(placed: Placed) -> ObjectBox:
+    """Return the box that fits an object's mesh, upright where its pose is; its length is the longer side."""
+    low, high = placed.mesh.bounds
+    sides, turn = high - low, float(np.arctan2(placed.pose[1, 0], placed.pose[0, 0]))
+    if sides[1] > sides[0]:
+        sides, turn = sides[[1, 0, 2]], turn - np.pi / 2
+    centre = placed.pose[:3, :3] @ ((low + high) / 2) + placed.pose[:3, 3]
+    return ObjectBox(centre, sides, (turn + np.pi) % (2 * np.pi) - np.pi)
 
 
 def as_label(name: str) -> bytes:
@@ -96,10 +109,7 @@ def _at_scan_time(scene: Scene, found: Scan) -> Scene:
     for number, each in scene.moving.items():
         times = found.times[found.instances == number]
         if len(times):
-            rotations, positions = Motion(each.velocity, each.turn).poses(np.median(times, keepdims=True))
-            pose = each.pose.copy()
-            pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + positions[0]])
-            placed[number] = replace(each, pose=pose)
+            placed[number] = placed_at(each, float(np.median(times)))
         placed[number] = replace(placed[number], velocity=(0.0, 0.0, 0.0), turn=0.0)
     return Scene.joined(placed)
 

@@ -1,6 +1,7 @@
 """Ray casting in scenes with objects that move during a scan and faces that let light pass."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -154,6 +155,14 @@ def _in_frame_of(
     rotations, positions = Motion(mover.velocity, mover.turn).poses(times)
     starts = np.einsum("nji,nj->ni", rotations, origins - about - positions) + about
     return starts, np.einsum("nji,nj->ni", rotations, directions)
+
+
+def placed_at(placed: Placed, time: float) -> Placed:
+    """Return an object as it is at a time, seconds: its pose then, and the velocity that it has then."""
+    rotations, positions = Motion(placed.velocity, placed.turn).poses(np.array([time]))
+    pose = placed.pose.copy()
+    pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + positions[0]])
+    return replace(placed, pose=pose, velocity=rotations[0] @ placed.velocity)
 
 
 def normals_at(scene: Scene, instances: IntArray, times: FloatArray, normals: FloatArray) -> FloatArray:

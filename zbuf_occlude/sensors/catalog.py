@@ -3,6 +3,7 @@
 A new sensor is a row of `ROWS`, a YAML file of numbers, or a CSV file of directions.
 """
 
+import reprlib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,11 +12,13 @@ import numpy as np
 
 from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
 from zbuf_occlude.base.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
-from zbuf_occlude.sensors.rays import PATTERNS, numbers_of
+from zbuf_occlude.sensors import lasers
+from zbuf_occlude.sensors.rays import MOST_RAYS, PATTERNS, numbers_of
 from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
+ELEVATION = Number(-90.0, 90.0, "degrees")
 _COLUMNS = {
     "azimuth": Number(-3600.0, 3600.0, "degrees", ((-1,),)),
     "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
@@ -89,7 +92,8 @@ def read_sensor(path: Path) -> SensorRow:
     ----------
     path : Path
         A YAML file with ``kind`` and the numbers of a row, optionally ``name``, ``summary`` and ``source`` (one for
-        all numbers); or a CSV file with the columns azimuth and elevation (degrees) or x, y and z, optionally ring.
+        all numbers); ``elevations: {from: -25, to: 15, n: 128}`` are evenly spaced lasers. Or a CSV file with the
+        columns azimuth and elevation (degrees) or x, y and z, optionally ring.
 
     Raises
     ------
@@ -112,9 +116,21 @@ def _row_from_yaml(path: Path, data: bytes) -> SensorRow:
     words = {name: parse_line(f"{name} in {where}", given.pop(name, default)) for name, default in words.items()}
     check_choice(f"kind in {where}", words["kind"], PATTERNS)
     known = [*numbers_of(words["kind"]), *(each.name for each in fields(NoiseModel))]
+    if words["kind"] == "spinning" and "elevations" in given:
+        if "lasers" in given:
+            raise OptionError(f"{where} must have lasers or elevations, not both.")
+        given["lasers"] = _evenly_spaced(given.pop("elevations"), f"elevations in {where}")
     for name in given:
         check_choice(f"a number in {where}", name, known)
     return SensorRow(words["name"], words["kind"], words["summary"], _from(words["source"], **given))
+
+
+def _evenly_spaced(given: Any, name: str) -> lasers.Lasers:
+    """Return the lasers of a mapping ``{from: -25, to: 15, n: 128}``."""
+    if not isinstance(given, dict) or set(given) != {"from", "to", "n"}:
+        raise OptionError(f"{name} must be {{from: DEGREES, to: DEGREES, n: LASERS}}; got {reprlib.repr(given)}.")
+    low, high = sorted(ELEVATION.read(f"{key} of {name}", given[key]) for key in ("from", "to"))
+    return lasers.evenly_spaced(low, high, Number(1, MOST_RAYS, whole=True).read(f"n of {name}", given["n"]))
 
 
 def _row_from_csv(path: Path, data: bytes) -> SensorRow:
@@ -137,51 +153,6 @@ def _from(source: str, **numbers: Any) -> dict[str, tuple[Any, str]]:
     return {name: (value, source) for name, value in numbers.items()}
 
 
-Lasers = tuple[tuple[float, float], ...]
-"""Elevation and azimuth offset of each laser, degrees, the lowest first.
-
-Velodyne's are from the calibration files of ros-drivers/velodyne, the HDL-64E's from KITTI. A real scan confirms those
-of the VLP-32C within 0.04 degrees."""
-
-VLP_16: Lasers = tuple((float(elevation), 0.0) for elevation in range(-15, 16, 2))
-HDL_32E: Lasers = tuple((round((4 * i - 92) / 3, 2), 0.0) for i in range(32))
-VLP_32C: Lasers = (
-    (-25, -1.4), (-15.639, 1.4), (-11.31, -1.4), (-8.843, 1.4), (-7.254, -1.4), (-6.148, 1.4), (-5.333, -4.2),
-    (-4.667, -1.4), (-4, 1.4), (-3.667, 4.2), (-3.333, -4.2), (-3, -1.4), (-2.667, 1.4), (-2.333, 4.2), (-2, -4.2),
-    (-1.667, -1.4), (-1.333, 1.4), (-1, 4.2), (-0.667, -4.2), (-0.333, -1.4), (0, 1.4), (0.333, 4.2), (0.667, -4.2),
-    (1, -1.4), (1.333, 1.4), (1.667, 4.2), (2.333, -1.4), (3.333, 1.4), (4.667, -1.4), (7, 1.4), (10.333, -1.4),
-    (15, 1.4),
-)  # fmt: skip
-
-HDL_64E: Lasers = (
-    (-24.999, -2.372), (-24.507, 1.152), (-23.971, 4.56), (-23.322, 8.141), (-22.857, -7.997), (-22.438, -4.552),
-    (-21.936, -1.14), (-21.318, 2.409), (-20.788, 5.779), (-20.223, 9.196), (-19.736, -9.164), (-19.32, -5.681),
-    (-18.797, -2.378), (-18.323, 1.109), (-17.73, 4.367), (-17.187, 7.862), (-16.554, -7.857), (-16.177, -4.422),
-    (-15.657, -1.144), (-15.189, 2.272), (-14.598, 5.549), (-14.048, 8.938), (-13.485, -8.992), (-13.041, -5.56),
-    (-12.562, -2.359), (-12.115, 1.028), (-11.599, 4.355), (-10.957, 7.605), (-10.471, -7.704), (-10.062, -4.347),
-    (-9.574, -1.089), (-9.026, 2.149), (-8.711, -1.579), (-8.31, 0.681), (-8.058, 2.708), (-7.679, 4.955),
-    (-7.287, -5.07), (-6.999, -2.961), (-6.676, -0.797), (-6.329, 1.459), (-5.958, 3.466), (-5.611, 5.711),
-    (-5.251, -5.848), (-4.914, -3.596), (-4.588, -1.596), (-4.216, 0.665), (-3.936, 2.658), (-3.539, 4.9),
-    (-3.236, -5.082), (-2.874, -2.841), (-2.547, -0.851), (-2.208, 1.455), (-1.833, 3.417), (-1.494, 5.66),
-    (-1.201, -5.86), (-0.803, -3.605), (-0.452, -1.629), (-0.089, 0.623), (0.181, 2.712), (0.579, 4.963),
-    (0.872, -5.08), (1.305, -2.852), (1.574, -0.872), (1.937, 1.406),
-)  # fmt: skip
-
-_HDL_64E_BLOCKS = ((0.13415, 0.06214),) * 32 + ((0.20657, 0.0719),) * 32
-"""Height of each laser at elevation 0, metres, and its growth per tangent of the elevation; one pair per block."""
-HDL_64E_OFFSETS = tuple(
-    (float(round(up + growth * np.tan(np.radians(elevation)), 5)), -0.026 if i % 2 else 0.026)
-    for i, ((up, growth), (elevation, _)) in enumerate(zip(_HDL_64E_BLOCKS, HDL_64E, strict=True))
-)
-
-_VLS_128_ELEVATIONS = (
-    *(-25, -19.582, -16.042, -13.565, -11.742, -10.346, -9.244, -8.352, -7.65, -7.15, -6.85, -6.65),
-    *(round(-6.5 + 0.11 * i, 2) for i in range(104)),
-    *(4.98, 5.18, 5.43, 5.73, 6.08, 6.48, 6.98, 7.58, 8.43, 9.7, 11.75, 15),
-)
-_VLS_128_AZIMUTHS = (0.911, 2.732, 4.548, 6.354, -6.354, -4.548, -2.732, -0.911)
-VLS_128: Lasers = tuple(zip(_VLS_128_ELEVATIONS, _VLS_128_AZIMUTHS * 16, strict=True))
-
 _CALIBRATION = "calibration file of ros-drivers/velodyne"
 _KITTI = "KITTI's calibration file of its unit (velodynecalib_S2_factory)"
 _SHEET = "maker's data sheet"
@@ -193,10 +164,15 @@ _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for 
 _ASSUMED = "assumed"
 _FITTED = (
     "metres, fitted once to the cars and pedestrians from 10 to 60 m of one Argoverse 2 log, two VLP-32C; assumed of "
-    "others (benchmarks/real_lidar.py holds it to other logs)"
+    "others (`zbuf-occlude compare-drives` holds it to other logs)"
 )
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
-_OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
+
+_EVENLY_SPACED = "evenly spaced and without azimuth offsets: assumed"
+_NEBULA = "calibration file of tier4/nebula"
+_EVEN_SHOTS = "the maker publishes no pattern; shots spread evenly over the field of view: assumed"
+_UNCHECKED = "not checked against the document"
+_RANGES_80 = f"metres, of 80 % reflectivity, {_SHEET}"
 
 _LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "detection_range": (130.0, _FITTED)}
 _VELODYNE = {
@@ -204,6 +180,15 @@ _VELODYNE = {
     "step": (0.002, _MANUAL),
     "divergence": (0.003, _ASSUMED + ", as VLP-16"),
     **_LIDAR,
+}
+_HESAI = {"step": (0.004, f"distances are multiples of 4 mm, {_MANUAL}"), "divergence": (0.003, _ASSUMED), **_LIDAR}
+_OUSTER = {"columns": (1024, f"512, 1024 or 2048, {_SHEET}"), **_LIDAR}
+_OS1_SIGMA = {
+    "sigma": (
+        ((26.3, 0.015), (41.6, 0.03), (120.0, 0.10)),
+        f"1.5, 3, 10 cm at signal to noise 250, 100, 12, {_SHEET}; 12 taken to be reached at 120 m, the rest by the "
+        "square of the range: assumed",
+    )
 }
 _CAMERA = {"axial": (True, "a camera measures depth")}
 _DEPTH_CAMERA = {**_CAMERA, **_from(_ASSUMED, edge_loss=0.5, incidence_max=85.0)}
@@ -215,7 +200,7 @@ ROWS: tuple[SensorRow, ...] = (
         "Velodyne Puck, 16 lasers",
         {
             **_VELODYNE,
-            "lasers": (VLP_16, f"{_CALIBRATION} (VLP16db)"),
+            "lasers": (lasers.VLP_16, f"{_CALIBRATION} (VLP16db)"),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
             "range_max": (100.0, _SHEET),
             "sigma": (0.03, _SHEETS_3_CM),
@@ -228,7 +213,7 @@ ROWS: tuple[SensorRow, ...] = (
         "Velodyne HDL-32E, 32 lasers from -30.67 to 10.67 degrees",
         {
             **_VELODYNE,
-            "lasers": (HDL_32E, f"{_CALIBRATION} (32db)"),
+            "lasers": (lasers.HDL_32E, f"{_CALIBRATION} (32db)"),
             "columns": (2180, "0.165 degrees: 1.39 million points per second at 20 turns of two returns, " + _SHEET),
             "range_max": (100.0, _SHEET),
             "sigma": (0.0067, "a published model of a vehicle simulator"),
@@ -241,7 +226,7 @@ ROWS: tuple[SensorRow, ...] = (
         {
             **_VELODYNE,
             "lasers": (
-                VLP_32C,
+                lasers.VLP_32C,
                 f"{_CALIBRATION} (VeloView-VLP-32C); manual pages 66-67; a real scan within 0.04 degrees",
             ),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_MANUAL}"),
@@ -256,8 +241,8 @@ ROWS: tuple[SensorRow, ...] = (
         "Velodyne HDL-64E S2, 64 lasers, KITTI's",
         {
             **_VELODYNE,
-            "lasers": (HDL_64E, f"{_KITTI}; real returns lie on their rays within 0.01 degrees (median)"),
-            "offsets": (HDL_64E_OFFSETS, f"metres up and left, {_KITTI}"),
+            "lasers": (lasers.HDL_64E, f"{_KITTI}; real returns lie on their rays within 0.01 degrees (median)"),
+            "offsets": (lasers.HDL_64E_OFFSETS, f"metres up and left, {_KITTI}"),
             "columns": (2083, f"0.1728 degrees at 10 turns a second, {_MANUAL}"),
             **_from(_HELIOS, range_min=0.9, range_max=120.0),
             "sigma": (0.02, f"{_SHEET}; BlenSor"),
@@ -271,7 +256,7 @@ ROWS: tuple[SensorRow, ...] = (
         "Velodyne Alpha Prime, 128 lasers",
         {
             **_VELODYNE,
-            "lasers": (VLS_128, f"{_CALIBRATION} (VLS128)"),
+            "lasers": (lasers.VLS_128, f"{_CALIBRATION} (VLS128)"),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
             "range_max": (245.0, _SHEET),
             "sigma": (0.03, _SHEETS_3_CM),
@@ -283,16 +268,115 @@ ROWS: tuple[SensorRow, ...] = (
         "spinning",
         "Ouster OS1-64, 64 beams between +-16.6 degrees",
         {
-            "lasers": (_OS1_RAYS, f"+-16.6 degrees, {_SHEET}; evenly spaced and without azimuth offsets: assumed"),
-            "columns": (1024, f"512, 1024 or 2048, {_SHEET}"),
+            "lasers": (lasers.evenly_spaced(-16.6, 16.6, 64), f"+-16.6 degrees, {_SHEET}; {_EVENLY_SPACED}"),
+            **_OUSTER,
             **_from(_SHEET, range_min=0.8, range_max=120.0),
-            "sigma": (
-                ((26.3, 0.015), (41.6, 0.03), (120.0, 0.10)),
-                f"1.5, 3, 10 cm at signal to noise 250, 100, 12, {_SHEET}; 12 taken to be reached at 120 m, the rest "
-                "by the square of the range: assumed",
-            ),
+            **_OS1_SIGMA,
             "step": (0.012, _SHEET),
             "divergence": (0.00227, f"0.13 degrees, {_SHEET}"),
+        },
+    ),
+    SensorRow(
+        "os0-128",
+        "spinning",
+        "Ouster OS0-128, 128 beams between +-45 degrees",
+        {
+            **_OUSTER,
+            "lasers": (lasers.evenly_spaced(-45.0, 45.0, 128), f"+-45 degrees, {_SHEET}; {_EVENLY_SPACED}"),
+            "range_min": (0.3, f"{_SHEET}, {_UNCHECKED}"),
+            "range_max": (50.0, f"{_RANGES_80}, {_UNCHECKED}"),
+            "sigma": (
+                ((10.0, 0.015), (50.0, 0.05)),
+                f"1.5 to 5 cm, {_SHEET}, {_UNCHECKED}; the ranges of both: assumed",
+            ),
+            "step": (0.003, f"{_SHEET}, {_UNCHECKED}"),
+            "divergence": (0.0061, f"0.35 degrees, {_SHEET}"),
+        },
+    ),
+    SensorRow(
+        "os1-128",
+        "spinning",
+        "Ouster OS1-128, 128 beams between +-22.5 degrees",
+        {
+            **_OUSTER,
+            "lasers": (lasers.evenly_spaced(-22.5, 22.5, 128), f"+-22.5 degrees, {_SHEET}; {_EVENLY_SPACED}"),
+            "range_min": (0.8, _SHEET),
+            "range_max": (120.0, _RANGES_80),
+            **_OS1_SIGMA,
+            "step": (0.012, _SHEET),
+            "divergence": (0.0031, f"0.18 degrees, {_SHEET}"),
+        },
+    ),
+    SensorRow(
+        "os2-128",
+        "spinning",
+        "Ouster OS2-128, 128 beams between +-11.25 degrees",
+        {
+            **_OUSTER,
+            "lasers": (lasers.evenly_spaced(-11.25, 11.25, 128), f"+-11.25 degrees, {_SHEET}; {_EVENLY_SPACED}"),
+            "range_min": (1.0, f"{_SHEET}, {_UNCHECKED}"),
+            "range_max": (240.0, _RANGES_80),
+            "sigma": (
+                ((50.0, 0.025), (240.0, 0.08)),
+                f"2.5 to 8 cm, {_SHEET}, {_UNCHECKED}; the ranges of both: assumed",
+            ),
+            "step": (0.003, f"{_SHEET}, {_UNCHECKED}"),
+            "divergence": (0.0016, f"0.09 degrees, {_SHEET}, {_UNCHECKED}"),
+        },
+    ),
+    SensorRow(
+        "xt32",
+        "spinning",
+        "Hesai PandarXT-32, 32 lasers from -16 to 15 degrees",
+        {
+            **_HESAI,
+            "lasers": (lasers.evenly_spaced(-16.0, 15.0, 32), f"{_MANUAL}; a unit's {_NEBULA} is within 0.09 degrees"),
+            "columns": (2000, f"0.18 degrees at 10 turns a second, {_MANUAL}"),
+            **_from(f"{_MANUAL}, {_UNCHECKED}", range_min=0.05, range_max=120.0),
+            "sigma": (0.005, f"precision, {_MANUAL}, {_UNCHECKED}"),
+        },
+    ),
+    SensorRow(
+        "pandar128",
+        "spinning",
+        "Hesai Pandar128, 128 lasers from -25 to 15 degrees, densest near the horizon",
+        {
+            **_HESAI,
+            "lasers": (lasers.PANDAR_128, f"{_NEBULA} (Pandar128E4X)"),
+            "columns": (1800, f"0.2 degrees at 10 turns a second, {_MANUAL}"),
+            **_from(f"{_MANUAL}, {_UNCHECKED}", range_min=0.3, range_max=200.0),
+            "sigma": (0.02, f"+-2 cm, {_MANUAL}, {_UNCHECKED}; taken as one standard deviation"),
+        },
+    ),
+    SensorRow(
+        "at128",
+        "spinning",
+        "Hesai AT128, 128 lasers, 120 x 25.4 degrees, forward",
+        {
+            **_HESAI,
+            "lasers": (lasers.AT_128, f"{_NEBULA} (PandarAT128); 25.4 degrees, {_SHEET}"),
+            "columns": (1200, f"0.1 degrees, {_SHEET}: 1.536 million points a second"),
+            "azimuths": ((-60.0, 60.0), f"120 degrees, {_SHEET}"),
+            "range_min": (0.5, _ASSUMED),
+            "range_max": (200.0, f"of 10 % reflectivity, {_SHEET}"),
+            "sigma": (0.05, f"+-5 cm, {_SHEET}, {_UNCHECKED}; taken as one standard deviation"),
+        },
+    ),
+    SensorRow(
+        "m1",
+        "spinning",
+        "RoboSense RS-LiDAR-M1, 120 x 25 degrees, forward: rows of a MEMS mirror taken as lasers",
+        {
+            "lasers": (lasers.evenly_spaced(-12.4, 12.4, 125), f"+-12.5 degrees, 0.2 on average, {_MANUAL}"),
+            "columns": (600, f"0.2 degrees on average, 750,000 points a second at 10 frames, {_MANUAL}"),
+            "azimuths": (
+                (-60.0, 60.0),
+                f"120 degrees, {_MANUAL}; the mirror's path is not published: assumed straight",
+            ),
+            **_from(_MANUAL, range_min=0.5, range_max=200.0),
+            "sigma": (0.05, f"5 cm at one sigma, {_MANUAL}"),
+            "step": (0.005, f"5 mm, {_MANUAL}"),
+            "divergence": (0.003, _ASSUMED),
             **_LIDAR,
         },
     ),
@@ -309,6 +393,38 @@ ROWS: tuple[SensorRow, ...] = (
             **_from(_SHEET, range_min=1.0, range_max=260.0),
             "sigma": (0.02, f"2 cm, {_SHEET}"),
             "divergence": (0.0027, _HELIOS),
+            **_LIDAR,
+        },
+    ),
+    SensorRow(
+        "mid-360",
+        "non_repetitive",
+        "Livox Mid-360: all around, from -7 to 52 degrees; its pattern approximated",
+        {
+            "azimuths": ((-180.0, 180.0), f"360 degrees, {_SHEET}; {_EVEN_SHOTS}"),
+            "elevations": ((-7.0, 52.0), f"-7 to 52 degrees, {_SHEET}"),
+            "rate": (200_000.0, _SHEET),
+            "seconds": (0.1, f"ten frames a second, {_SHEET}"),
+            "range_min": (0.1, _SHEET),
+            "range_max": (70.0, _RANGES_80),
+            "sigma": (0.02, f"at most 2 cm at 10 m, {_SHEET}"),
+            "divergence": (0.0027, _ASSUMED + ", as Mid-40"),
+            **_LIDAR,
+        },
+    ),
+    SensorRow(
+        "avia",
+        "non_repetitive",
+        "Livox Avia: 70.4 x 77.2 degrees, forward; its pattern approximated",
+        {
+            "azimuths": ((-35.2, 35.2), f"70.4 degrees, {_SHEET}; {_EVEN_SHOTS}, taken as a rectangle"),
+            "elevations": ((-38.6, 38.6), f"77.2 degrees, {_SHEET}"),
+            "rate": (240_000.0, _SHEET),
+            "seconds": (0.1, _ASSUMED + ": ten scans a second"),
+            "range_min": (1.0, _SHEET),
+            "range_max": (450.0, f"{_RANGES_80} without sunlight"),
+            "sigma": (0.02, f"2 cm at 20 m, {_SHEET}"),
+            "divergence": (0.0027, _ASSUMED + ", as Mid-40"),
             **_LIDAR,
         },
     ),
@@ -362,6 +478,38 @@ ROWS: tuple[SensorRow, ...] = (
             "step": (0.001, "millimetres in its pictures"),
             "baseline": ((0.0, -0.05, 0.0), f"its right camera; depths are the left one's, {_SHEET}"),
             "match_window": (9, "census of 9 x 9 pixels, the maker's presets (librealsense, d400_presets)"),
+            **_DEPTH_CAMERA,
+        },
+    ),
+    SensorRow(
+        "realsense-d455",
+        "pinhole",
+        "Intel RealSense D455: stereo",
+        {
+            **_from(_SHEET, width=848, height=480),
+            "fov": (87.0, f"87 x 58 degrees, {_SHEET}"),
+            "range_min": (round(446.8 * 0.095 / 126, 3), "f B / 126, as of the D435; 0.35 m at 848 x 480, " + _SHEET),
+            "range_max": (6.0, f"0.6 to 6 m are recommended, {_SHEET}"),
+            "sigma_growth": (
+                0.1 / (446.8 * 0.095),
+                "z^2 s / (f B), as of the D435: s .1 pixel, f 446.8 pixels, B 95 mm",
+            ),
+            "step": (0.001, "millimetres in its pictures"),
+            "baseline": ((0.0, -0.095, 0.0), f"its right camera, 95 mm away, {_SHEET}"),
+            "match_window": (9, "as of the D435"),
+            **_DEPTH_CAMERA,
+        },
+    ),
+    SensorRow(
+        "realsense-l515",
+        "pinhole",
+        "Intel RealSense L515: a laser and a MEMS mirror, time of flight; indoors",
+        {
+            **_from(_SHEET, width=1024, height=768),
+            "fov": (70.0, f"70 x 55 degrees, {_SHEET}, {_UNCHECKED}"),
+            **_from(_SHEET, range_min=0.25, range_max=9.0),
+            "sigma": (((1.0, 0.0025), (9.0, 0.0155)), f"2.5 mm at 1 m, 15.5 mm at 9 m, {_SHEET}, {_UNCHECKED}"),
+            "step": (0.00025, "depth unit of its pictures, librealsense"),
             **_DEPTH_CAMERA,
         },
     ),

@@ -18,7 +18,7 @@ from zbuf_occlude.base.arrays import (
 )
 from zbuf_occlude.base.documents import read_limited
 from zbuf_occlude.base.errors import ArgumentError, DatasetError, describe, escape_control
-from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
+from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
 from zbuf_occlude.sensors.rays import Rays
 
 DURATION_RATIO = 1.5
@@ -43,22 +43,31 @@ class Motion:
         rotations along the shortest arc. Before the first row and after the last the sensor is at rest.
     deskew : bool
         True: points are where the rays met the scene. False: points are as the sensor reports them, as if at rest.
+    begin : float
+        Seconds into the motion at which time 0 is.
+    mount : (4, 4) float, optional
+        Pose of the sensor on the vehicle, to which the velocity or the trajectory then belongs.
 
     Raises
     ------
     ArgumentError
         A wrong shape; numbers that are not finite; times that do not ascend; a quaternion of length 0; a trajectory
-        together with velocity or turn; `deskew` that is no bool.
+        together with velocity or turn; `deskew` that is no bool; a mount that is no rigid transform.
     """
 
     velocity: ArrayLike = (0.0, 0.0, 0.0)
     turn: float = 0.0
     trajectory: ArrayLike | None = None
     deskew: bool = False
+    begin: float = 0.0
+    mount: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "velocity", set_readonly(as_vector(self.velocity, "velocity")))
         as_number(self.turn, "turn", "a number, degrees a second")
+        as_number(self.begin, "begin", "seconds of 0 or more", lambda seconds: seconds >= 0.0)
+        if self.mount is not None:
+            object.__setattr__(self, "mount", set_readonly(as_rigid(self.mount, "mount")))
         object.__setattr__(self, "deskew", as_flag(self.deskew, "deskew"))
         if self.trajectory is None:
             return
@@ -79,7 +88,12 @@ class Motion:
         """Return the arguments as plain data."""
         trajectory = None if self.trajectory is None else np.asarray(self.trajectory).tolist()
         velocity = np.asarray(self.velocity).tolist()
-        return {"velocity": velocity, "turn": self.turn, "trajectory": trajectory, "deskew": self.deskew}
+        found = {"velocity": velocity, "turn": self.turn, "trajectory": trajectory, "deskew": self.deskew}
+        if self.begin:
+            found["begin"] = self.begin
+        if self.mount is not None:
+            found["mount"] = np.asarray(self.mount).tolist()
+        return found
 
     def duration_mismatch(self, rays: Rays) -> str:
         """Return a message where a trajectory is much longer or shorter than the sweep of these rays, else ""."""
@@ -89,11 +103,24 @@ class Motion:
         duration = float(times[-1] - times[0])
         message = f"the trajectory lasts {duration:.3g} s, a sweep {sweep:.2g} s"
         if duration > DURATION_RATIO * sweep:
-            return f"{message}: one sweep is made, from its beginning, and the rest is not used"
+            return (
+                f"{message}: one sweep is made, from its beginning. `zbuf-occlude drive` makes all "
+                f"{int(duration / sweep)}"
+            )
         return f"{message}: the sensor stands still at its end" if DURATION_RATIO * duration < sweep else ""
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (n, 3, 3) and positions (n, 3) at times (n,), in the sensor's frame at time 0."""
+        if not self.begin and self.mount is None:
+            return self._from_first(times)
+        mount = np.eye(4) if self.mount is None else np.asarray(self.mount)
+        rotations, positions = self._from_first(np.append(self.begin, self.begin + times))
+        positions = rotations @ mount[:3, 3] + positions
+        rotations = rotations @ mount[:3, :3]
+        return rotations[0].T @ rotations[1:], (positions[1:] - positions[0]) @ rotations[0]
+
+    def _from_first(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotations and positions of the vehicle, in its frame at the beginning of the motion."""
         if self.trajectory is not None:
             return self._along(times)
         rate, (forward, left, up) = np.radians(self.turn), np.asarray(self.velocity)
@@ -133,6 +160,14 @@ class Motion:
         if rays.origins is not None:
             positions = positions + np.einsum("nij,nj->ni", rotations, rays.origins)
         return Rays(directions, rays.rings, rays.columns, positions, rays.times)
+
+    def start(self) -> FloatArray:
+        """Return the pose (4, 4) of the vehicle at the beginning: the trajectory's first row, else the identity."""
+        pose = np.eye(4)
+        if self.trajectory is not None:
+            first = np.asarray(self.trajectory)[0]
+            pose[:3, :3], pose[:3, 3] = rotations_of(unit_quaternions(first[4:])), first[1:4]
+        return pose
 
 
 def _fault(rows: FloatArray) -> str:

@@ -18,6 +18,8 @@ from zbuf_occlude.base.errors import ArgumentError, OptionError
 MOST_RAYS = 8_500_000
 """Maximum rays of a sensor: a mistyped number must not fill the memory."""
 
+PLASTIC = 1.32471795724474602596
+"""Plastic number, the real root of x^3 = x + 1: the base of the sequence R2."""
 RUN_RAYS = 64
 """Neighbouring rays of a ring whose bounding cone `Rays.near` tests before the rays themselves."""
 
@@ -200,7 +202,9 @@ def beside_axis(azimuths: FloatArray, offsets: FloatArray) -> FloatArray:
     return np.stack([-left * np.sin(azimuths), left * np.cos(azimuths), up], axis=1)
 
 
-def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float) -> Rays:
+def risley(
+    *, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float, begin: float = 0.0
+) -> Rays:
     """Return the rays of a LiDAR whose beam passes two rotating wedge prisms, shot by shot; all of ring 0.
 
     Parameters
@@ -215,6 +219,8 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         Shots per second.
     seconds : float
         Duration of a scan.
+    begin : float
+        Seconds from the moment at which both prisms are at angle 0 to the first shot.
     """
     n_shots = round(rate * seconds)
     _check_count(n_shots)
@@ -226,9 +232,40 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         )
     shots, directions = np.arange(n_shots, dtype=np.int32), np.empty((n_shots, 3))
     for some in np.array_split(shots, 1 + n_shots // 100_000):  # in blocks, to limit memory
-        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (some / rate)) for frequency in frequencies)
+        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (begin + some / rate)) for frequency in frequencies)
         axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's flat face is normal to the beam
         directions[some] = _refract(_refract(_refract(axis, first, index), second, 1.0 / index), axis, index)
+    return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
+
+
+def non_repetitive(
+    *, azimuths: Sequence[float], elevations: Sequence[float], rate: float, seconds: float, begin: float = 0.0
+) -> Rays:
+    """Return the rays of a LiDAR whose shots fill its field of view more and more densely; all are of ring 0.
+
+    It approximates patterns that makers do not publish. The shots are evenly spread over the solid angle at any moment
+    and never repeat: the sequence R2 of Roberts (2018), of low discrepancy, in azimuth and in the sine of elevation.
+
+    Parameters
+    ----------
+    azimuths, elevations : (float, float)
+        Edges of the field of view, degrees.
+    rate : float
+        Shots per second.
+    seconds : float
+        Duration of a scan.
+    begin : float
+        Seconds from the first shot of the sequence to the first one of the scan.
+    """
+    n_shots = round(rate * seconds)
+    _check_count(n_shots)
+    shots = np.arange(n_shots, dtype=np.int32)
+    steps = 0.5 + round(begin * rate) + shots
+    (left, right), (low, high) = np.radians(azimuths), np.sin(np.radians(elevations))
+    azimuth = left + (right - left) * (steps / PLASTIC % 1.0)
+    up = low + (high - low) * (steps / PLASTIC**2 % 1.0)
+    level = np.sqrt(1.0 - up**2)
+    directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
     return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
 
 
@@ -267,6 +304,7 @@ PATTERNS: dict[str, Callable[..., Rays]] = {
     "pinhole": pinhole,
     "spinning": spinning,
     "risley": risley,
+    "non_repetitive": non_repetitive,
     "linear": linear,
     "list": listed,
 }

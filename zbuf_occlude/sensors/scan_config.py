@@ -213,8 +213,8 @@ class ScanConfig:
 
     @property
     def is_level(self) -> bool:
-        """True for a spinning LiDAR above a ground: it stands level."""
-        return self.height is not None and self.sensor.kind == "spinning"
+        """True for a LiDAR above a ground that is mounted level: all but the rosettes of two prisms."""
+        return self.height is not None and self.sensor.kind in ("spinning", "non_repetitive")
 
     @property
     def most_objects(self) -> int:

@@ -29,6 +29,7 @@ NUMBERS: dict[str, Number] = {
     **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),
     "lasers": Number(-360.0, 360.0, "degrees", ((-1, 2),)),
     "azimuths": Number(-360.0, 360.0, "degrees", ((2,),)),
+    "elevations": Number(-90.0, 90.0, "degrees", ((2,),)),
     "offsets": Number(-100.0, 100.0, "metres", ((-1, 2),)),
     "frequencies": Number(-1e6, 1e6, "turns a second", ((2,),)),
     "wedge": Number(1e-3, 90.0, "degrees"),
@@ -37,6 +38,7 @@ NUMBERS: dict[str, Number] = {
     "turns": Number(1e-3, 1e4, "a second"),
     "readout": Number(0.0, 1e3, "seconds", least=1e-9),
     "seconds": Number(1e-6, 1e6, "seconds"),
+    "begin": Number(0.0, 1e6, "seconds"),
     "spacing": Number(1e-9, 1e4, "metres"),
     "slopes": Number(-1e3, 1e3, shapes=((2,),)),
     "directions": Number(shapes=((-1, 3),)),
@@ -228,6 +230,13 @@ class Sensor:
         return self.kind in ("pinhole", "linear")
 
     @property
+    def duration(self) -> float:
+        """Seconds of a revolution, scan or image; 0 for sensors that cast all rays at once."""
+        if self.kind == "spinning":
+            return 1.0 / float(self.pattern.get("turns", 10.0))
+        return float(self.pattern.get("seconds", self.pattern.get("readout", 0.0)))
+
+    @property
     def no_motion_reason(self) -> str:
         """The reason why motion changes nothing: all rays are cast at once. Empty where the rays have times."""
         if self.rays().times is not None:
@@ -292,6 +301,12 @@ class Sensor:
             for above in self.angles_above_lasers(points):
                 least, most = np.minimum(least, above), np.maximum(most, above)
             return np.asarray((least <= 0.0) & (most >= 0.0) & self._turns_to(points))
+        if self.kind == "non_repetitive":
+            (low, high), above = (
+                sorted(given["elevations"]),
+                np.degrees(np.arctan2(points[:, 2], np.hypot(*points.T[:2]))),
+            )
+            return np.asarray((above >= low) & (above <= high) & self._turns_to(points))
         if self.kind == "risley":  # a rosette about the x axis
             away = np.linalg.norm(points, axis=1)
             return np.asarray(points[:, 0] >= away * self.rays().directions[:, 0].min())
@@ -329,6 +344,9 @@ class Sensor:
             above = np.searchsorted(elevations, np.arctan2(points[:, 2], level))
             gap = np.diff(elevations)[np.clip(above - 1, 0, len(elevations) - 2)]
             return np.asarray(1.0 / (turn * np.maximum(level, np.finfo(np.float64).tiny) * gap * ranges))
+        if kind == "non_repetitive":
+            width, (low, high) = np.ptp(np.radians(given["azimuths"])), np.sin(np.radians(given["elevations"]))
+            return np.asarray(len(self.rays()) / (width * abs(high - low) * ranges**2))
         raise OptionError(f"the sensor of a ray density must have evenly spaced rays; {self.name} has none. Give 0.")
 
     def with_numbers(self, /, **numbers: Any) -> "Sensor":

@@ -245,7 +245,7 @@ SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
         (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
         (SWEEP, {"x": [1.0]}, "must have the columns x, y, z; it lacks one"),
         (SWEEP, {"x": ["far"], "y": ["far"], "z": ["far"]}, "cannot be read .could not convert string to float: 'far'"),
-        (SWEEP, None, "sensors/lidar must hold a .feather file per sweep; it has none"),
+        (SWEEP, None, "must have a car with 16 points; it has none"),
     ],
 )
 def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, tmp_path: Path) -> None:

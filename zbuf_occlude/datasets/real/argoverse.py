@@ -25,36 +25,51 @@ from zbuf_occlude.geometry.camera import rotations_of
 ANNOTATIONS = "annotations.feather"
 CALIBRATION = "calibration/egovehicle_SE3_sensor.feather"
 LIDARS = ("up_lidar", "down_lidar")
-ROOF = np.array([1.35, 0.0, 1.58])
-"""Default middle of the two LiDARs in the vehicle's frame, metres, for logs without calibration."""
+MOUNTS = ((1.35, 0.0, 1.64, 1.0, 0.0, 0.0, 0.0), (1.35, 0.0, 1.53, 0.0, 1.0, 0.0, 0.0))
+"""Places and quaternions (w first) of the two LiDARs in the vehicle's frame, where a log has no calibration. One hangs
+upside down."""
+COUNTS = "num_interior_pts"
+"""Column of the returns in a box, which may be missing where there are points."""
 _WORDS = ("timestamp_ns", "category", "track_uuid", "sensor_name")
-_BOX = ("length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+_ROTATION = ("qw", "qx", "qy", "qz")
+_PLACE = ("tx_m", "ty_m", "tz_m")
+_BOX = ("length_m", "width_m", "height_m", *_ROTATION, *_PLACE)
 
 
 def find(root: Path) -> list[Loader]:
     """Return a loader for each sweep, log by log; a root is a log, or holds logs or splits.
 
-    Raises DatasetError where there are logs, but no sweep.
+    A log without points has the sweeps of its annotations, with the returns in each box as its makers counted them.
     """
     logs = sorted(path.parent for depth in ("", "*/", "*/*/") for path in root.glob(depth + ANNOTATIONS))
-    sweeps = [path for log in logs for path in sorted((log / "sensors" / "lidar").glob("*.feather"))]
-    if logs and not sweeps:
-        raise DatasetError(f"{logs[0] / 'sensors/lidar'} must hold a .feather file per sweep; it has none. {REMEDY}")
-    return [partial(read_argoverse, path) for path in sweeps]
+    return [loader for log in logs for loader in _sweeps_of(log)]
+
+
+def _sweeps_of(log: Path) -> list[Loader]:
+    if files := sorted((log / "sensors" / "lidar").glob("*.feather")):
+        return [partial(read_argoverse, path) for path in files]
+    times = np.unique(_annotations(log / ANNOTATIONS, _version(log / ANNOTATIONS))["timestamp_ns"])
+    return [partial(_sweep_at, log, time, np.empty((0, 3))) for time in times.tolist()]
 
 
 def read_argoverse(path: Path) -> Sweep:
     """Read the sweep of a file of points named by its time."""
-    log = path.parents[2]
-    annotations = _annotations(log / ANNOTATIONS, _version(log / ANNOTATIONS))
     columns = _table(path, ("x", "y", "z"))
-    points = np.stack([columns[name] for name in "xyz"], axis=1)
     try:
         time = int(path.stem)
     except ValueError:
         raise DatasetError(
             f"a sweep must be named TIMESTAMP.feather, in nanoseconds; {path} is not. {REMEDY}"
         ) from None
+    return _sweep_at(path.parents[2], time, np.stack([columns[name] for name in "xyz"], axis=1))
+
+
+def _sweep_at(log: Path, time: int, points: FloatArray) -> Sweep:
+    annotations = _annotations(log / ANNOTATIONS, _version(log / ANNOTATIONS))
+    if not len(points) and COUNTS not in annotations:
+        raise DatasetError(
+            f"{log / ANNOTATIONS} must have the column {COUNTS} where a log has no points; it has not. {REMEDY}"
+        )
     boxes = []
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
         numbers = np.array([annotations[name][row] for name in _BOX])
@@ -66,17 +81,21 @@ def read_argoverse(path: Path) -> Sweep:
             size = checked_sides(numbers[:3])
         except ValueError as error:
             raise DatasetError(f"row {row} of {log / ANNOTATIONS}: {error}. {REMEDY}") from None
-        w, x, y, z = numbers[3:7]
-        length = float(np.linalg.norm(numbers[3:7]))
-        if not 0.5 < length < 2.0:
-            raise DatasetError(
-                f"qw, qx, qy, qz in {log / ANNOTATIONS} must be unit quaternions; one has the length {length:g}. "
-                f"{REMEDY}"
-            )
-        rotation = rotations_of(np.array([x, y, z, w]) / length)
+        rotation = _rotation(numbers[3:7], log / ANNOTATIONS)
         category, track = (str(annotations[name][row]) for name in ("category", "track_uuid"))
-        boxes.append(LabelledBox(category, numbers[7:], rotation, size, track))
-    return Sweep(f"{log.name}/{path.stem}", points, boxes, _place_of_lidars(log / CALIBRATION))
+        n_points = int(annotations[COUNTS][row]) if COUNTS in annotations else None
+        boxes.append(LabelledBox(category, numbers[7:], rotation, size, track, n_points))
+    return Sweep(f"{log.name}/{time}", points, boxes, _mounts(log / CALIBRATION))
+
+
+def _rotation(quaternion: FloatArray, path: Path) -> FloatArray:
+    """Return the rotation (3, 3) of a quaternion, w first."""
+    length = float(np.linalg.norm(quaternion))
+    if not 0.5 < length < 2.0:
+        raise DatasetError(
+            f"qw, qx, qy, qz in {path} must be unit quaternions; one has the length {length:g}. {REMEDY}"
+        )
+    return np.asarray(rotations_of(quaternion[[1, 2, 3, 0]] / length))
 
 
 def _version(path: Path) -> tuple[int, int]:
@@ -88,26 +107,33 @@ def _version(path: Path) -> tuple[int, int]:
 @lru_cache(maxsize=1)
 def _annotations(path: Path, version: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Return the boxes of a log, kept for its next sweep; a file that has changed is read again."""
-    return _table(path, ("timestamp_ns", "category", "track_uuid", *_BOX))
+    return _table(path, ("timestamp_ns", "category", "track_uuid", *_BOX), (COUNTS,))
 
 
-def _place_of_lidars(path: Path) -> FloatArray:
-    """Return the middle (3,) of a log's two LiDARs in the vehicle's frame."""
-    if not path.exists():
-        return ROOF
-    table = _table(path, ("sensor_name", "tx_m", "ty_m", "tz_m"))
-    rows = np.isin(table["sensor_name"].astype(str), LIDARS)
-    if not rows.any():
-        raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. {REMEDY}")
-    return np.array([table[name][rows].mean() for name in ("tx_m", "ty_m", "tz_m")])
+def _mounts(path: Path) -> tuple[FloatArray, ...]:
+    """Return the poses (4, 4) of a log's two LiDARs in the vehicle's frame."""
+    rows = np.array(MOUNTS)
+    if path.exists():
+        table = _table(path, ("sensor_name", *_PLACE, *_ROTATION))
+        which = np.isin(table["sensor_name"].astype(str), LIDARS)
+        if not which.any():
+            raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. {REMEDY}")
+        rows = np.stack([table[name][which] for name in (*_PLACE, *_ROTATION)], axis=1)
+    poses = []
+    for row in rows:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = _rotation(row[3:], path), row[:3]
+        poses.append(pose)
+    return tuple(poses)
 
 
-def _table(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Read some columns of a feather file."""
+def _table(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
+    """Read some columns of a feather file; `optional` ones where it has them."""
     with importing("pyarrow", "a feather file of Argoverse 2"):
         from pyarrow import ArrowException, feather
     try:
         table = feather.read_table(path)
+        names += tuple(name for name in optional if name in table.column_names)
         columns = {name: table[name].to_numpy() for name in names}
         return {name: np.asarray(values, None if name in _WORDS else float) for name, values in columns.items()}
     except KeyError as error:

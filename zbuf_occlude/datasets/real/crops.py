@@ -324,7 +324,7 @@ class _Cutter:
                 continue
             near = points[is_near(box, points, self.margin + AROUND)]
             mine = near[self.is_in(box, near)]
-            crop = Crop(class_name, sweep.name, box, self.placed(mine, box, sweep.sensor), sweep.sensor)
+            crop = Crop(class_name, sweep.name, box, self.placed(mine, box, sweep.middle), sweep.middle)
             if not self.low <= crop.range < self.high:
                 self.left_out["out of range"] += 1
             elif len(mine) < self.least_points:

@@ -25,6 +25,7 @@ class LabelledBox(NamedTuple):
     rotation: FloatArray  # (3, 3), box to the points' frame; its axes are length, width, height
     size: FloatArray  # (3,), length, width, height
     track: str = ""  # name of the object, the same in all sweeps; empty where the layout has none
+    n_points: int | None = None  # returns in it as the makers counted them; None where they are to be counted
 
     def to_box(self, points: FloatArray) -> FloatArray:
         """Return points (n, 3) in the frame of the box: origin in its centre, x along its length, z up."""
@@ -39,9 +40,14 @@ class Sweep(NamedTuple):
     """Points (n, 3) of one revolution of a LiDAR, metres, z up, and the labelled boxes of its objects."""
 
     name: str
-    points: FloatArray
+    points: FloatArray  # none where a log has boxes and their numbers of returns alone
     boxes: list[LabelledBox]
-    sensor: FloatArray = np.zeros(3)  # (3,), place of the LiDAR in the frame of the points
+    mounts: tuple[FloatArray, ...] = (np.eye(4),)  # poses (4, 4) of the LiDARs in the frame of the points
+
+    @property
+    def middle(self) -> FloatArray:
+        """Middle (3,) of the LiDARs in the frame of the points."""
+        return np.mean([mount[:3, 3] for mount in self.mounts], axis=0)
 
 
 def checked_sides(sides: Sequence[float] | FloatArray) -> FloatArray:
