@@ -79,7 +79,7 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
     for split, n_shared, n_objects in shared_objects(folders):
         echo(
-            f"warning: {n_shared} of {counted(n_objects, 'object')} of {split} are in train too, of another DIR: "
+            f"warning: {n_shared} of {counted(n_objects, 'object')} of {split} are also in train of another DIR: "
             "scores will be too high. Generate both with the same --split and --seed.",
             err=True,
         )
