@@ -190,7 +190,7 @@ def generate_command(
     unit: str | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
-    shard: str | None,
+    shard: tuple[int, int] | None,
     require_gpu: bool,
     retry_failed: bool,
     overwrite: bool,

@@ -283,8 +283,10 @@ def _motion(options: dict[str, Any]) -> Motion | None:
 
 def _material(text: str) -> tuple[str, float | None]:
     """Parse ``NAME`` or ``NAME=SHARE``."""
-    name, equals, share = text.rpartition("=")
+    name, equals, share = text.rpartition("=") if "=" in text else (text, "", "")
     try:
-        return (name, float(share)) if equals else (text, None)
+        if not name.strip():
+            raise ValueError
+        return name, float(share) if equals else None
     except ValueError:
         raise OptionError(f"--transparent must be NAME or NAME=SHARE, SHARE in 0..1; got {text!r}.") from None

@@ -217,12 +217,14 @@ class DatasetConfig:
     def _check_boxes(self) -> None:
         if self.complete:
             raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
-        if not (self.scan and self.scan.is_level and self.scan.keep == "all"):
+        scan = self.scan
+        if not (scan and scan.is_level and scan.keep == "all"):
+            given = f"--sensor {scan.sensor.name} --scene {scan.scene} --keep {scan.keep}" if scan else "no --sensor"
             raise OptionError(
-                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
-        if self.scan.motion and not self.scan.motion.deskew:
+        if scan.motion and not scan.motion.deskew:
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
 
     def make_views(self, key: str = "") -> Views:
