@@ -12,6 +12,7 @@ import io
 import math
 import re
 import shlex
+import shutil
 import sys
 import tempfile
 import time
@@ -40,6 +41,7 @@ CUBE = (
 CAMERA = "pinhole:width=8,height=6,fov=40"
 ODD: tuple[Any, ...] = (
     *(None, True, False, 0, 1, -1, 2, 2.5, -0.5, 1e-300, 1e155, 1e308, float("nan"), float("inf"), 2**63, 10**400),
+    *("é日本🙂",),
     *("banana", "", " ", "1", "2.5", "nan", "1,2", "5..2", "no", "a\0b", "a\nb", "../x", "\ud800", "9" * 900),
     *(b"1", 1j, Decimal(2), Fraction(1, 2), Path("x"), object(), print, int, range(2), {}, {"a": 1}, {1: 2}, {1}),
     *([], (), [1], [1, 2], (1, 2), (2, 1), [1, 2, 3], [[1, 2, 3]], ["a", "b"], [None], [[1], [1, 2]], [True, False]),
@@ -49,7 +51,23 @@ ODD: tuple[Any, ...] = (
 )  # fmt: skip
 ODD_TEXTS = (
     *("", " ", "0", "1", "-1", "2.5", "1e155", "1e999", "nan", "inf", "-0", "1_0", "٣", "0x10", "9" * 400, "1e-300"),
-    *("banana", "no", "true", "None", "file", "all", "1,2", "1,2,3", "1..2", "2..1", "..", "1..", "..2", "1..2..3"),
+    *(
+        "banana",
+        "é日本🙂",
+        "no",
+        "true",
+        "None",
+        "file",
+        "all",
+        "1,2",
+        "1,2,3",
+        "1..2",
+        "2..1",
+        "..",
+        "1..",
+        "..2",
+        "1..2..3",
+    ),
     *("a=1", "a=1,a=2", "=1", "a=", "a=b", "self=1", "name=x", "kind=1", "kind=pinhole", "width=0", "noise=2"),
     *("noise=no", "lasers=1", "chair=1", "[1]", "{}", "()", "ring:", "ring:0", "ring:3@99", "ring:1e9", "random:x"),
     *("grid:2", "x.json", "box:", "box:shift=", "box:rotate,rotate", "surface", "pinhole:", "pinhole:width=4", "*=2"),
@@ -101,7 +119,9 @@ def numbers(value: Any, *shapes: tuple[int, ...]) -> bool:
 
 def is_pair(value: Any) -> bool:
     """Return whether a value is two numbers."""
-    return isinstance(value, tuple | list | np.ndarray) and np.shape(value) == (2,) and all(map(is_number, value))
+    return (
+        isinstance(value, tuple | list | range | np.ndarray) and np.shape(value) == (2,) and all(map(is_number, value))
+    )
 
 
 def are_words(value: Any) -> bool:
@@ -112,6 +132,11 @@ def are_words(value: Any) -> bool:
 def is_mapping(value: Any) -> bool:
     """Return whether a value is a mapping from words."""
     return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)
+
+
+def are_classes(value: Any) -> bool:
+    """Return whether a value is a mapping from names to labels."""
+    return is_mapping(value) and all(isinstance(each, str) or are_words(each) for each in value.values())
 
 
 def is_size(value: Any) -> bool:
@@ -136,6 +161,7 @@ def kinds() -> dict[str, Callable[[Any], bool]]:
         "count": is_count,
         "flag": lambda value: isinstance(value, bool | np.bool_),
         "typed": lambda value: is_number(value) or (isinstance(value, str) and is_text_number(value)),
+        "bound": lambda value: str(value) in ("inf", "1e308") or is_number(value) or is_text_number(str(value)),
         "word": lambda value: isinstance(value, str),
         "words": are_words,
         "path": lambda value: isinstance(value, str | Path),
@@ -146,6 +172,9 @@ def kinds() -> dict[str, Callable[[Any], bool]]:
         "eye": lambda value: isinstance(value, zo.Views) or numbers(value, (3,)),
         "span": is_span,
         "pair": is_pair,
+        "angles": lambda value: is_number(value) or is_pair(value),
+        "ground": lambda value: is_number(value) or value == "fit",
+        "classes": are_classes,
         "seed": lambda value: is_count(value) or isinstance(value, np.random.SeedSequence | np.random.Generator),
         "mesh": lambda value: isinstance(value, zo.Mesh | str | Path),
         "scene": lambda value: isinstance(value, zo.Mesh | zo.Scene | str | Path),
@@ -200,6 +229,7 @@ def is_text_setting(text: str) -> bool:
 TEXT_KINDS: dict[str, Callable[[str], bool]] = {
     "number": is_text_number,
     "count": is_text_count,
+    "ground": lambda text: text in ("fit", "none") or is_text_number(text),
     "span": is_text_span,
     "size": is_text_size,
     "setting": is_text_setting,
@@ -292,7 +322,12 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("load_mesh", zo.load_mesh, {"path": path},
              {"path": "path", "up": "word?", "name": "word?", "colors": "flag"}),
         Call("ring", zo.views.ring, {"n_views": 3, "elevation": 30},
-             {"n_views": "count", "elevation": "number", "distance": "number"}),
+             {"n_views": "count", "elevation": "angles", "distance": "number"}),
+        Call("drive", zo.views.drive, {"n_views": 3},
+             {"n_views": "count", "half_within": "number", "elevation": "pair", "distance": "number", "seed": "seed"}),
+        Call("grid", zo.views.grid, {"n_elevations": 2, "n_azimuths": 2},
+             {"n_elevations": "count", "n_azimuths": "count", "elevation": "pair", "azimuth": "pair?",
+              "distance": "number"}),
         Call("fibonacci", zo.views.fibonacci, {"n_views": 3}, {"n_views": "count", "distance": "number"}),
         Call("random", zo.views.random, {"n_views": 3},
              {"n_views": "count", "elevation": "pair", "distance": "number", "seed": "seed"}),
@@ -306,9 +341,12 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("Placed", Placed, {"mesh": cube, "label": "crate"},
              {"mesh": "mesh", "label": "word", "albedo": "number?", "is_background": "flag"}),
         Call("make", made, {"name": CAMERA},
-             {"name": "sensor", "noise": "typed", "range_max": "typed", "width": "typed", "fov": "typed?"}),
+             {"name": "sensor", "noise": "typed", "range_max": "bound", "width": "typed", "fov": "typed?"}),
         Call("make", made, {"name": "vlp-16"}, {"columns": "typed", "noise": "typed", "sigma": "typed"}),
-        Call("Motion", Motion, {}, {"velocity": "vector", "turn": "number"}),
+        Call("Motion", Motion, {}, {"velocity": "vector", "turn": "number", "deskew": "flag"}),
+        Call("crop_objects", zo.crop_objects, {"source": folder / "boxes.csv", "ground": None},
+             {"source": "path", "classes": "classes?", "least_points": "count", "margin": "number",
+              "ground": "ground?", "range": "pair?", "frame": "word", "distinct": "number"}),
         Call("look_at", look_at, {"position": eye, "target": [0, 0, 0]},
              {"position": "vector", "target": "vector", "up": "vector?"}),
         Call("compare_scans", zo.compare_scans,
@@ -328,7 +366,7 @@ def calls_of_python(folder: Path) -> list[Call]:
                   "keep": "word", "sensor_height": "number?", "transparent": "shares", "method": "word",
                   "keep_clean": "flag"}),
             Call("OnTheFlyOcclusion", OnTheFlyOcclusion, {},
-                 {"n_points": "count", "distance": "number", "elevation": "pair", "method": "word?",
+                 {"n_points": "count", "distance": "number", "elevation": "span", "method": "word?",
                   "method_options": "mapping?", "scale": "word", "eyes_per_sampling": "count", "attributes": "words",
                   "cache_megabytes": "number"}),
         ]  # fmt: skip
@@ -349,7 +387,17 @@ def calls_of_commands() -> list[tuple[str, dict[str, str]]]:
          {**camera, "--points": "count", "--set": "setting", "--with": "words", "--up": "word", "--index": "count"}),
         ("depth cube.off --resolution 6 --out o.npy", {**camera, "--resolution": "count", "--up": "word"}),
         (f"scan cube.off --sensor {CAMERA} --range 5 --size 1 --method oracle --out o.ply",
-         {**about, **scans, "--seed": "count", "--up": "word"}),
+         {**about, **scans, "--seed": "count", "--up": "word", "--picture": "word", "--unit": "word"}),
+        ("crop boxes.csv --out o --ground none",
+         {"--classes": "word", "--least-points": "count", "--margin": "number", "--ground": "ground",
+          "--range": "span", "--frame": "word", "--distinct": "number"}),
+        ("shapes car --out o.off", {"--number": "count", "--seed": "count", "--up": "word"}),
+        (f"compare-scans cube.off scan.npy --sensor {CAMERA} --eye 3,2,1.5 --look-at .5,.5,.5 --method oracle --out o",
+         {"--eye": "vector", "--look-at": "vector", "--up-axis": "vector", "--tolerance": "number",
+          "--slack": "number", "--depth-unit": "number", "--seed": "count", "--set-sensor": "setting"}),
+        (f"views cube.off --views ring:2@30 --coverage --points 20 --unit m --sensor {CAMERA}",
+         {"--min-density": "number", "--points": "count", "--seed": "count", "--unit": "word",
+          "--set-sensor": "setting", "--distance": "span"}),
         ("views cube.off --views ring:3@30", {"--views": "word", "--distance": "span", "--points": "count"}),
         ("generate cube.off --out o --overwrite --dry-run --method oracle --points 30 --sample-size 9 --views ring:1@0",
          {"--views": "word", "--distance": "span", "--points": "count", "--sample-size": "sample", "--seed": "count",
@@ -390,6 +438,7 @@ def commanded(line: str, option: str, text: str, fits: Callable[[str], bool]) ->
     """Run a command with an option, `option` "" for none, and say what came of it."""
     from zbuf_occlude.__main__ import main
 
+    shutil.rmtree("o", ignore_errors=True)
     words = shlex.split(line)
     if option in words:
         words[words.index(option) + 1] = text
@@ -446,6 +495,18 @@ def tries(values: int, random: int, only: Iterable[str], folder: Path) -> Iterab
             yield what, partial(commanded, line, option, text, TEXT_KINDS[kind])
 
 
+def write_inputs() -> None:
+    """Write a cube, a scan of it, and a table with its box, into the current folder."""
+    import zbuf_occlude as zo
+    from zbuf_occlude.sensors import look_at
+
+    Path("cube.off").write_text(CUBE)
+    pose = look_at([3.0, 2.0, 1.5], [0.5, 0.5, 0.5])
+    np.save("scan.npy", zo.scan("cube.off", CAMERA, pose).points)
+    np.save("points.npy", zo.sample_surface("cube.off", n_points=100).positions)
+    Path("boxes.csv").write_text("file,label,x,y,z,length,width,height\npoints.npy,Car,.5,.5,.5,2,2,2\n")
+
+
 def shown(value: Any) -> str:
     """Return a value as a line shows it; a number of too many digits has no other form."""
     try:
@@ -458,7 +519,7 @@ def main(*, values: int = 1000, random: int = 0, only: Sequence[str] = ()) -> in
     counts: Counter[str] = Counter()
     n_faults = 0
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
-        Path("cube.off").write_text(CUBE)
+        write_inputs()
         for what, attempt in tries(values, random, only, Path(name)):
             begun = time.process_time()
             outcome = attempt()

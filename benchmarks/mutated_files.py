@@ -425,7 +425,7 @@ def used(path: Path) -> str:
             return "read"
         if what in ("sensor", "scene"):
             sensor = zo.sensors.make(str(path)) if what == "sensor" else zo.sensors.make("pinhole:width=20,height=20")
-            scene = Scene.joined(placed_of(read_scene(path), 0.0)) if what == "scene" else crate
+            scene = Scene.joined(placed_of(read_scene(path)["objects"], 0.0)) if what == "scene" else crate
             if not len(sensor.rays()) <= FEW:
                 return "read, too many rays to scan with"
             pose = zo.sensors.look_at([0.0, -9.0, 0.0], [0.0, 6.0, 0.0])

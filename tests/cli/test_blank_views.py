@@ -94,9 +94,11 @@ def test_a_sensor_s_least_range_cuts_an_object(run: Run, tmp_path: Path) -> None
     write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
     said = run(f"generate cube.off {PINHOLE} --range 1.25..1.299 {ALONE} --out none", code=1).err
     assert "view 0: all of it that rays meet is too near for pinhole, which measures at 0.8 to inf m" in said
-    for scanned, warned in (("1.29", True), ("1.3", False)):
-        said = run(f"scan cube.off {PINHOLE} --size file --range {scanned} --out cube.ply").err
-        assert ("100.0% of the objects' returns are nearer, and lost. With --range 1.3 or more none" in said) is warned
+    line = f"scan cube.off {PINHOLE} --size file --out cube.ply"
+    run(f"{line} --range 1.29", code=1, says="all of it that rays meet is too near for pinhole")
+    assert "nearer" not in run(f"{line} --range 1.31").err
+    said = run(f"{line} --range 1.1 --azimuth 30").err
+    assert "of the objects' returns are nearer, and lost. With --range 1.49 or more none" in said
     outcome = run(f"generate cube.off {PINHOLE} --range 1.1 --views ring:2@30 {ALONE[17:]} --out cut")
     cut = manifest(tmp_path / "cut")["cut_by_range"]
     # the nearest edge is an edge of the upper face, seen from 30 degrees: x = z = 1/2

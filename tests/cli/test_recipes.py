@@ -10,7 +10,7 @@ from tests.scenes import box
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "zbuf_occlude" / "cli" / "generate.py"]
-NOT_HERE = re.compile(r"--labels|--engine|--shard|\.zip|--preset|OUT|ARGUMENTS")
+NOT_HERE = re.compile(r"--labels|--engine|--shard|scene\.json|\.zip|--preset|OUT|ARGUMENTS")
 """Commands that need other files or a cluster, or have tests of their own."""
 
 

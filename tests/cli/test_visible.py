@@ -174,8 +174,9 @@ def test_a_sensor_covers_a_ball_in_the_best_order(run: Run, ball: Path, tmp_path
     assert (tmp_path / "order.png").read_bytes().startswith(b"\x89PNG")
     run(f"views {ball} --views order.csv --coverage --out again.csv")
     assert np.genfromtxt(tmp_path / "again.csv", delimiter=",", names=True)["azimuth"].tolist() == [0, 180, 5]
-    run(f"{line} --min-density 1e9", says="nothing of the surface")
-    run(f"{line.replace('pinhole', 'realsense-d435')} --set-sensor range_max=1.5", says="0.168 to 1.5 m")
+    run(f"{line} --min-density 1e9 --out none.csv", code=1, says="nothing of the surface")
+    assert not (tmp_path / "none.csv").exists()
+    run(f"{line.replace('pinhole', 'realsense-d435')} --set-sensor range_max=1.5", code=1, says="0.168 to 1.5 m")
 
 
 def test_a_sensor_needs_lengths_in_metres(run: Run, ball: Path, tmp_path: Path) -> None:
@@ -252,3 +253,13 @@ def test_cameras_in_the_axes_of_the_file_go_with_up_z(run: Run, tall: Path, tmp_
     (tmp_path / "cameras.json").write_text(json.dumps([down]))
     run(f"visible {tall} --cameras cameras.json --points 500 --method exact --up z --out cloud.npy")
     assert sides(np.load(tmp_path / "cloud.npy")) == {"+y"}
+
+
+@pytest.mark.parametrize(("command", "out"), [("visible", "cloud.ply"), ("depth", "depth.png")])
+def test_a_camera_that_looks_past_the_mesh_is_an_error_and_no_file(
+    run: Run, ball: Path, tmp_path: Path, command: str, out: str
+) -> None:
+    """The camera is 8 from the ball, and looks past it at what lies at the same distance."""
+    line = f"{command} {ball} --azimuth 0 --distance 4 --fov 5 --out {out}"
+    run(f"{line} --look-at 0 8 0", code=1, says="turn it by --look-at")
+    assert not (tmp_path / out).exists()

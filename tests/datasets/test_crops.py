@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -145,6 +146,7 @@ def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
         ({"least_points": 0}, "least_points must be a positive int"),
         ({"margin": -1.0}, "margin must be a number of metres, 0 or more; got -1"),
         ({"ground": "flat"}, "ground must be a number of metres"),
+        ({"ground": np.array([1e155, 0.0])}, "ground must be a number of metres"),
         ({"range": (9, 3)}, "range must be metres"),
         ({"range": (1,)}, r"range must be metres.*got \(1,\)"),
         ({"range": "5..50"}, "range must be metres.*got '5..50'"),
@@ -248,9 +250,8 @@ def test_pytorch_reads_crops(tmp_path: Path) -> None:
     assert away.max() < 1e-6
 
 
-def test_nuscenes(tmp_path: Path) -> None:
-    """The sensor turned by a quarter on its car, the car turned and moved in the world, as the schema says."""
-    points, row, body = scene()
+def write_nuscenes(root: Path, points: np.ndarray, row: dict[str, Any]) -> None:
+    """Write a key frame of a turned sensor on a turned and moved car, with one box, as the schema says."""
     quarter, world = moved(yaw=-90.0, to=(0.9, 0.0, 1.8)), moved(yaw=np.degrees(0.7), to=(400.0, 1100.0, 0.0))
 
     def quaternion(yaw: float) -> list[float]:
@@ -272,18 +273,58 @@ def test_nuscenes(tmp_path: Path) -> None:
         "instance": [{"token": "i", "category_token": "k"}],
         "category": [{"token": "k", "name": "vehicle.car"}],
     }
-    (tmp_path / "v1.0-mini").mkdir()
+    (root / "v1.0-mini").mkdir()
     for name, rows in tables.items():
-        (tmp_path / "v1.0-mini" / f"{name}.json").write_text(json.dumps(rows))
-    with pytest.raises(zo.DatasetError, match=r"1\.pcd\.bin must be there.*it is missing"):
-        crop_objects(tmp_path)
-    (tmp_path / "samples" / "LIDAR_TOP").mkdir(parents=True)
-    np.column_stack([points, np.zeros((len(points), 2))]).astype("<f4").tofile(tmp_path / str(frame["filename"]))
+        (root / "v1.0-mini" / f"{name}.json").write_text(json.dumps(rows))
+    (root / "samples" / "LIDAR_TOP").mkdir(parents=True)
+    np.column_stack([points, np.zeros((len(points), 2))]).astype("<f4").tofile(root / str(frame["filename"]))
+
+
+def test_nuscenes(tmp_path: Path) -> None:
+    points, row, body = scene()
+    write_nuscenes(tmp_path, points, row)
     (crop,) = crop_objects(tmp_path)
     assert (crop.class_name, crop.box.track, crop.sweep) == ("vehicle.car", "i", "1")
     assert np.allclose(crop.points, body, atol=1e-4)
-    (tmp_path / "v1.0-mini" / "ego_pose.json").write_text("[{}]")
-    with pytest.raises(zo.DatasetError, match=r"ego_pose\.json must be .*no 'token'"):
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "words"),
+    [
+        ("ego_pose", {"rotation": [0, 0, 0, 0]}, r"ego_pose\.json must be .*it cannot be read \("),
+        ("ego_pose", {"translation": "here"}, r"ego_pose\.json must be .*it cannot be read \("),
+        ("ego_pose", {"token": None}, r"ego_pose\.json must have the row 'e' that sample_data\.json names"),
+        ("calibrated_sensor", {"rotation": [1, 0, 0]}, r"calibrated_sensor\.json must be .*four of a rotation"),
+        ("calibrated_sensor", {"token": "x"}, r"calibrated_sensor\.json must have the row 'c' that sample_data\.json"),
+        ("sensor", {"token": "x"}, r"sensor\.json must have the row 't' that calibrated_sensor\.json names"),
+        ("sensor", {"channel": ...}, r"/sensor\.json must be .*no 'channel'"),
+        ("instance", {"token": "x"}, r"instance\.json must have the row 'i' that sample_annotation\.json names"),
+        ("instance", {"category_token": ...}, r"instance\.json must be .*no 'category_token'"),
+        ("category", {"token": "x"}, r"category\.json must have the row 'k' that instance\.json names"),
+        ("category", {"name": ...}, r"category\.json must be .*no 'name'"),
+        (
+            "sample_annotation",
+            {"size": [1, -2, 3]},
+            r"sample_annotation\.json must be .*sides of a box must be 0 or more",
+        ),
+        ("sample_data", {"is_key_frame": False}, r"sample_data\.json must have a key frame of LIDAR_TOP; it has none"),
+        ("sample_annotation", {"size": [1, 2]}, r"sample_annotation\.json must be .*cannot be read"),
+        ("sample_annotation", {"rotation": [0, 0, 0, 0]}, r"sample_annotation\.json must be .*cannot be read"),
+        ("sample_data", {"ego_pose_token": ...}, r"sample_data\.json must be .*no 'ego_pose_token'"),
+        ("sample_data", {"filename": "gone.bin"}, r"gone\.bin must be there, as .*sample_data\.json says"),
+        ("sample_data", {"token": ...}, r"sample_data\.json must be .*no 'token'"),
+    ],
+)
+def test_what_is_wrong_with_a_table_of_nuscenes_names_that_table(
+    tmp_path: Path, table: str, change: dict[str, Any], words: str
+) -> None:
+    points, row, _ = scene()
+    write_nuscenes(tmp_path, points, row)
+    path = tmp_path / "v1.0-mini" / f"{table}.json"
+    rows = json.loads(path.read_text())
+    rows[0] = {key: value for key, value in (rows[0] | change).items() if value is not ...}
+    path.write_text(json.dumps(rows))
+    with pytest.raises(zo.DatasetError, match=words):
         crop_objects(tmp_path)
 
 

@@ -31,6 +31,7 @@ MESHES = [
     ("arm chair/test/a-b.c.off", "arm chair", "val"),
 ]
 NAMES = {"airplane": "02691156", "arm chair": "arm_chair"}
+OF_A_CAMERA = ("frames", "bop", "organized-pcd", "mcap")
 PAIRS = [row.name for row in FORMATS if row.exported_from == "packed"]
 LAYOUTS = [row.name for row in FORMATS if row.exported_from]
 N_VIEWS = {"pcn": 8, "completion3d": 1, "mvp": 26, "projected-shapenet": 16, "shapenet55": 1, "epn3d": 6}
@@ -55,8 +56,8 @@ def config_for(row: Format, n_points: int, sample_size: int) -> DatasetConfig:
     """Return a configuration of few views that a format can hold."""
     views = str(row.options.get("views", "ring:3@10"))
     config = DatasetConfig(method="exact", n_points=n_points, views=views, sample_size=sample_size)
-    if row.name in ("frames", "bop"):
-        config = replace(config, scan=camera(), attributes=("normals",))
+    if row.name in OF_A_CAMERA:
+        config = replace(config, scan=camera())
     if row.name == "kitti":
         config = replace(config, views="ring:1@0", scan=lidar(), attributes=("boxes",))
     return row.redrawn(config)
@@ -289,7 +290,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
     assert victim.relative_to(root).as_posix() in fault
 
 
-@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "bop", "voxels")])
+@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "voxels", *OF_A_CAMERA)])
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"
@@ -303,7 +304,7 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
             assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
 
 
-@pytest.mark.parametrize("format", ["bop", "voxels"])
+@pytest.mark.parametrize("format", ["voxels", *OF_A_CAMERA])
 def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=f"generate --format {format}"):
         convert(made("frames"), tmp_path / "converted", format)
@@ -338,13 +339,15 @@ def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
     row = find_format(format)
     row.check(plan(format))
     refused = [({"n_points": 100}, "points in each complete cloud; got 100. Give --points")]
-    refused += [({"variations": 2}, "must have 1 variation, for its loaders count on it; got 2. See --variations")]
+    refused += [({"variations": 2}, "must have 1 variation, for its loaders count on it; got 2. Give --variations 1")]
     refused += [({"scale": "cloud"}, "all clouds of an object in one frame; got --scale cloud")]
     if format not in ("completion3d", "epn3d"):
         refused += [({"frame": "camera"}, "must have one frame for all views of an object")]
     refused += [({"n_points": None, "density": 9.0}, "points in each complete cloud; got a density")]
     if not row.complete and format != "epn3d":  # its index names each view
-        refused += [({"views": "ring:5@0"}, f"must have {N_VIEWS[format]} views per object, .* got 5. See --views")]
+        refused += [
+            ({"views": "ring:5@0"}, f"must have {N_VIEWS[format]} views per object, .* got 5. Give --views random:")
+        ]
     for changes, message in refused:
         with pytest.raises(OptionError, match=message):
             row.check(plan(format, **changes))  # type: ignore[arg-type]

@@ -212,17 +212,17 @@ def test_splits_and_frames_without_objects(tmp_path: Path) -> None:
     ("change", "words"),
     [
         (lambda plan: replace(plan.config, attributes=()), "kitti must have boxes"),
-        (lambda plan: replace(plan.config, sample_size=100), "--sample-size all; got 100"),
-        (lambda plan: replace(plan.config, scale="cloud"), "--scale mesh; got cloud"),
+        (lambda plan: replace(plan.config, sample_size=100), "got --sample-size 100. Give --sample-size all"),
+        (lambda plan: replace(plan.config, scale="cloud"), "got --scale cloud. Give --scale mesh"),
         (
             lambda plan: replace(plan.config, scan=replace(SCAN, keep="target")),
-            "boxes must be of a spinning",
+            "boxes must be of a spinning .* --keep target. Give",
         ),
         (
             lambda plan: replace(plan.config, scan=replace(SCAN, scene="none")),
-            "boxes must be of a spinning",
+            "boxes must be of a spinning .* --scene none --keep all. Give",
         ),
-        (lambda plan: replace(plan.config, scan=None), "boxes must be of a spinning"),
+        (lambda plan: replace(plan.config, scan=None), "boxes must be of a spinning .* got no --sensor"),
         (lambda plan: replace(plan.config, scan=replace(SCAN, motion=Motion(turn=9.0))), "Give --deskew"),
     ],
 )

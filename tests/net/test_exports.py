@@ -30,7 +30,7 @@ from zbuf_occlude.meshes.collection import MeshEntry
 
 STORED = Path(__file__).with_name("exports.json")
 OF_THE_RUN = re.compile(r"(manifest\.json|plan\.json|contact_sheet\.png|(groups|shards)/.*|README\.md|.*_files\.txt)$")
-NEEDS = {"voxels": "open3d", "huggingface": "pyarrow"}
+NEEDS = {"voxels": "open3d", "huggingface": "pyarrow", "mcap": "mcap_ros2"}
 
 
 def plan_of(row: Format) -> Plan:
@@ -79,6 +79,13 @@ def rows(path: Path) -> Iterator[bytes]:
         import pyarrow.parquet
 
         yield from (repr(numbers_rounded(row)).encode() for row in pyarrow.parquet.read_table(path).to_pylist())
+    elif path.suffix == ".mcap":
+        from mcap.reader import make_reader
+
+        with path.open("rb") as file:
+            yield from (
+                channel.topic.encode() + message.data for _, channel, message in make_reader(file).iter_messages()
+            )
     elif path.suffix == ".json":
         yield json.dumps(numbers_rounded(json.loads(path.read_text())), sort_keys=True).encode()
     elif path.suffix in (".txt", ".list", ".csv", ".xyz"):

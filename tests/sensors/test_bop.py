@@ -196,6 +196,22 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
     assert n_models < n_objects / 3, "chests and lamps stand in every room"
 
 
+def test_a_sensor_is_noisy_in_the_depth_alone(tmp_path: Path) -> None:
+    """Masks are the silhouettes of the camera without fault, in every file; depth has lost pixels and a step."""
+    sensor = zo.sensors.make("realsense-d435", width=WIDTH, height=HEIGHT, fov=45, match_window=1)
+    zo.write_bop(tmp_path / "noisy", SCENE, VIEWS, sensor=sensor, unit=0.001)
+    zo.write_bop(tmp_path / "exact", SCENE, VIEWS, width=WIDTH, height=HEIGHT, fov=45)
+    for path in (tmp_path / "exact").rglob("*.png"):
+        found, exact = pixels(tmp_path / "noisy" / path.relative_to(tmp_path / "exact")), pixels(path)
+        if path.parent.name != "depth":
+            assert (found == exact).all(), path
+            continue
+        assert ((found > 0) & (exact == 0)).sum() == 0
+        assert 0 < ((found == 0) & (exact > 0)).sum() < 0.5 * (exact > 0).sum()
+    cameras = json.loads((tmp_path / "noisy" / "train" / "000000" / "scene_camera.json").read_text())
+    assert [each["depth_scale"] for each in cameras.values()] == [1.0] * 3, "one unit of all images, a millimetre"
+
+
 def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
     """Of an object that nothing hides all is visible, also where the sensor has no return."""
     scan = ScanConfig(zo.sensors.make("kinect-v1"), size={"crate": 0.6}, keep="all", range=(1.5, 1.5))

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ import pytest
 import zbuf_occlude as zo
 from tests.needs import need
 from tests.scenes import box, soup, sphere
+from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.geometry.colors import GREY, Material, SurfaceColors
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors.frames import depth_unit
 from zbuf_occlude.sensors.scan_config import ScanConfig
@@ -111,6 +114,78 @@ def test_open3d_casts_the_same_depths(cameras: Path) -> None:
     outside[:3] = frame.extrinsics
     cloud = o3d.geometry.PointCloud.create_from_rgbd_image(picture, camera, outside)
     assert np.asarray(cloud.points) == pytest.approx(frame.points, abs=1e-5)
+
+
+SENSOR = zo.sensors.make("realsense-d435", width=80, height=60, match_window=1, drop=0.1)
+TWO = zo.Scene.joined([Placed(box(), "a"), Placed(box(), "b", moved(scale=0.4, to=(1.2, 0.3, 0.1)))])
+RING = zo.views.ring(3, elevation=25, distance=2.5)
+
+
+def test_a_sensor_measures_depth_and_all_else_is_of_first_hits() -> None:
+    """Depths are what `scan` gives of the same sensor and seed; the mask is that of a camera without fault."""
+    rng = np.random.default_rng(7)
+    exact = zo.frames(TWO, RING, width=80, height=60, fov=90)
+    for frame, true, pose in zip(zo.frames(TWO, RING, sensor=SENSOR, seed=7), exact, RING.poses, strict=True):
+        for name in ("mask", "instances", "face_ids", "normals", "rgba", "intrinsics"):
+            assert np.array_equal(getattr(frame, name), getattr(true, name)), name
+        measured = np.isfinite(frame.depth)
+        assert not (measured & ~frame.mask).any()
+        assert 0.2 < (frame.mask & ~measured).sum() / frame.mask.sum() < 0.8, "the second eye misses some"
+        forward, left, up = -pose[2, :3], -pose[0, :3], pose[1, :3]
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = np.stack([forward, left, up], axis=1), -pose[:3, :3].T @ pose[:3, 3]
+        scan = zo.scan(TWO, SENSOR, place, seed=rng)
+        assert len(scan) == measured.sum() == len(frame.points)
+        at_pixel = np.zeros((60, 80, 3))
+        at_pixel[scan.rings, scan.columns] = scan.points
+        assert frame.points == pytest.approx(at_pixel[measured], abs=1e-5)
+        steps = frame.depth[measured] / 0.001
+        assert steps == pytest.approx(np.round(steps), abs=2e-3), "millimetres"
+
+
+def test_the_same_seed_gives_the_same_frames() -> None:
+    first, again, other = (
+        [frame.depth.tobytes() for frame in zo.frames(TWO, RING, sensor=SENSOR, seed=seed)] for seed in (1, 1, 2)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_what_a_sensor_cannot_be_given(cameras: Path) -> None:
+    with pytest.raises(zo.ArgumentError, match="width, height and fov must be those of the sensor"):
+        zo.frames(TWO, RING, sensor="kinect-v1", width=64)
+    with pytest.raises(zo.OptionError, match="pinhole camera; got the sensor vlp-16, of the kind spinning"):
+        zo.frames(TWO, RING, sensor="vlp-16")
+    (frame,) = zo.frames(soup(300, 0.4), zo.views.from_json(cameras), sensor="kinect-v1")
+    assert frame.depth.shape == (48, 64), "cameras of a file have pixels of their own"
+    assert frame.intrinsics == pytest.approx(np.array(CAMERAS[0]["K"]))
+
+
+def test_lost_pixels_leave_no_holes_in_files(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    zo.write_frames(tmp_path, found := list(zo.frames(TWO, RING, sensor=SENSOR)))
+    for i, frame in enumerate(found):
+        depth, mask, picture = (np.array(image.open(tmp_path / f"{i:03d}{end}.png")) for end in ("_depth", "_mask", ""))
+        assert ((mask > 0) == frame.mask).all()
+        assert ((picture[..., 3] > 0) == frame.mask).all()
+        assert picture[frame.mask].all(), "no pixel of the object is black"
+        assert ((depth > 0) == np.isfinite(frame.depth)).all()
+
+
+def test_objects_of_a_scene_have_their_own_colours() -> None:
+    """Red and green boxes beside a grey one, by vertex colours: each pixel has that of its instance."""
+
+    def coloured(rgb: tuple[int, int, int]) -> zo.Mesh:
+        paint = Material(tuple(np.array(rgb) / 255.0))
+        return zo.Mesh(box().vertices, box().faces, colors=SurfaceColors((paint,), np.zeros(12, np.int32)))
+
+    placed = [Placed(coloured((200, 10, 10)), "red"), Placed(box(), "bare", moved(to=(0, 1.5, 0)))]
+    placed.append(Placed(coloured((10, 180, 20)), "green", moved(to=(0, -1.5, 0))))
+    (frame,) = zo.frames(zo.Scene.joined(placed), zo.views.from_angles(20, 30, distance=6.0), colors=True, **SMALL)
+    for instance, rgb in enumerate([(200, 10, 10), (GREY, GREY, GREY), (10, 180, 20)]):
+        mine = frame.rgba[frame.instances == instance]
+        assert len(mine) > 20
+        assert np.abs(mine[:, :3].astype(int) - rgb).max() <= 1
 
 
 def test_instances_of_a_scene_and_the_nearest_wins() -> None:
@@ -221,6 +296,81 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     placed = zo.views.from_json(tmp_path / "out" / folder / "cameras.json")
     assert placed.eyes + mesh.centre == pytest.approx(views.eyes)
     assert placed.intrinsics(64, 48)[0] == pytest.approx(frame.intrinsics)
+
+
+def of_camera(
+    folder: Path,
+    mesh: zo.Mesh,
+    sensor: zo.sensors.Sensor,
+    *,
+    form: str = "frames",
+    views: str = "ring:2@15",
+    depth_unit: float | None = None,
+    **given: Any,
+) -> Path:
+    """Generate views of a mesh; return the folder of its frames."""
+    numbers = {"size": "file", "keep": "all", "range": (1.5, 1.5), **given}
+    config = DatasetConfig(
+        method="exact",
+        views=views,
+        depth_unit=depth_unit,
+        scan=ScanConfig(sensor, **numbers),
+        sample_size=None,
+        scale="mesh",
+    )
+    generate(Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", lambda: mesh)]), config, form), folder)
+    return folder / "train/m/m"
+
+
+def test_a_datasets_masks_are_silhouettes_and_its_depth_is_noisy(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    noisy = of_camera(tmp_path / "noisy", box((0.5, 0.5, 0.5)), SENSOR, scene="ground")
+    exact = of_camera(
+        tmp_path / "exact", box((0.5, 0.5, 0.5)), SENSOR.with_numbers(noise=0, baseline=0), scene="ground"
+    )
+    for name in ("000.png", "001_mask.png", "001_normal.png", "000_instance.png"):
+        assert (noisy / name).read_bytes() == (exact / name).read_bytes(), name
+    depth, true, mask = (np.array(image.open(at)) for at in (noisy / "000_depth.png", exact / "000_depth.png",
+                                                             noisy / "000_mask.png"))  # fmt: skip
+    assert ((true > 0) == (mask > 0)).mean() > 0.5, "the ground ends where the camera no longer measures"
+    assert not ((depth > 0) & (mask == 0)).any()
+    assert 0 < ((depth == 0) & (true > 0)).sum() < (depth > 0).sum()
+
+
+@pytest.mark.parametrize("form", ["frames", "bop"])
+def test_a_depth_unit_is_that_of_all_datasets(form: str, tmp_path: Path) -> None:
+    """Of two datasets, of a small object and of a large one farther away: a depth in metres is the image over 1000."""
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    sensor = zo.sensors.make("pinhole:width=32,height=24,fov=40", range_max=65.0)
+    for name, side, away in (("near", 0.1, 0.4), ("far", 5.0, 30.0)):
+        mesh = box((side, side, side))
+        given = {"range": (away, away), "depth_unit": 0.001, "form": form, "views": "ring:1@0"}
+        of_camera(tmp_path / name, mesh, sensor, **given)
+        (path,) = (tmp_path / name).glob("**/*_depth.png" if form == "frames" else "**/depth/*.png")
+        assert np.array(image.open(path))[12, 16] == round(1000 * (away - side / 2))
+        (about,) = (tmp_path / name).glob("**/transforms.json" if form == "frames" else "**/scene_camera.json")
+        assert ('"integer_depth_scale": 0.001' if form == "frames" else '"depth_scale": 1.0') in about.read_text()
+
+
+@pytest.mark.parametrize(
+    ("message", "sensor", "given"),
+    [
+        ("pinhole camera; got the sensor vlp-16", "vlp-16", {}),
+        ("65,535 steps of 0.001 end at 65.53 m, pinhole measures up to inf m", "pinhole", {}),
+        ("pixels of all objects, --keep all; got target", "kinect-v1", {"keep": "target"}),
+        (
+            "must be of a camera and objects at rest",
+            "pinhole:readout=0.1",
+            {"motion": zo.sensors.Motion((1.0, 0.0, 0.0))},
+        ),
+    ],
+)
+def test_what_no_frames_are_made_of(message: str, sensor: str, given: dict[str, Any]) -> None:
+    scan = ScanConfig(zo.sensors.make(sensor), **{"keep": "all", **given})
+    config = DatasetConfig(scan=scan, sample_size=None, scale="mesh", depth_unit=0.001)
+    plan = Plan(MeshCollection([MeshEntry("a/m.off", "m", "train", box)]), config, "frames")
+    with pytest.raises(zo.OptionError, match=message):
+        find_format("frames").check(plan)
 
 
 @pytest.mark.parametrize("form", ["frames", "bop"])

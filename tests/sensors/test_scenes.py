@@ -72,7 +72,7 @@ def test_joined_keeps_whose_face_is_whose() -> None:
         Placed(box(), "a", np.zeros((4, 4)))
 
 
-@pytest.mark.parametrize("scene", ["none", "file", "ground", "street", "room"])
+@pytest.mark.parametrize("scene", ["none", "file", "ground", "street", "room", "table"])
 @pytest.mark.parametrize("sensor", ["kinect-v1", "realsense-d435", "cyberware-3030"])
 def test_cameras_stand_where_their_views_say(sensor: str, scene: str) -> None:
     views = zo.views.parse("grid:3x10@15..75")
@@ -157,14 +157,19 @@ def test_every_kind_of_scene(kind: str) -> None:
     (capture,) = scans(asked, ring(1))
     labels = set(capture.scene.labels)
     assert capture.scene.labels[0] == "target"
-    assert {"street": {"ground", "pole", "wall"}, "room": {"room"}, "ground": {"ground"}, "none": set()}[kind] <= labels
+    expected = {"street": {"ground", "pole", "wall"}, "table": {"ground", "table"}, "none": set()}
+    assert expected.get(kind, {kind}) <= labels
     if kind == "street":
         assert len(labels & set(shapes.CLASSES)) >= 3
         assert len(capture.scene.labels) > 15
     assert (capture.scan.instances == 0).any()
     height = capture.pose[2, 3] - CAR.bounds[0, 2] * 4.5 / CAR.longest_side
     if asked.height is not None:
-        assert abs(capture.pose[2, 3] - (asked.height - 4.5 / CAR.longest_side * np.ptp(CAR.bounds[:, 2]) / 2)) < 1e-9
+        below = 0.0 if asked.table is None else asked.table["height"]
+        assert (
+            abs(capture.pose[2, 3] + below - (asked.height - 4.5 / CAR.longest_side * np.ptp(CAR.bounds[:, 2]) / 2))
+            < 1e-9
+        )
         assert np.allclose(capture.pose[:3, 2], [0, 0, 1])  # level
     else:
         assert height > 0
@@ -248,7 +253,7 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
         {"class": "truck", "position": [-20, 0, 0]},
     ]
     path.write_text(json.dumps({"objects": objects}))
-    asked = scan_config(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
+    asked = scan_config(scene="file", **read_scene(path), range=(10.0, 10.0), keep="all")
     (capture,) = scans(asked, ring(1))
     assert capture.scene.labels == ("target", "ground", "crate", "truck")
     truck = capture.scene.mesh.corners[capture.scene.instances == 3].reshape(-1, 3)
@@ -278,6 +283,13 @@ PLACED = '{"objects": [{"mesh": "a.off", "position": [0, 0, %s}]}'
         (PLACED % "0, 0]", r"object 0: position must be 3 numbers.*; got \[0, 0, 0, 0\]"),
         (PLACED % '0], "size": 0', "size must be a number, from .*; got 0"),
         (PLACED % "0]", "must name a file; .*a.off' does not exist"),
+        ('{"objects": [], "tabel": {}}', "one of objects, table, ground; got 'tabel'"),
+        ('{"table": {"size": 2}}', r"size of a table must be 2 numbers, from 0.01 to 100 metres; got 2"),
+        ('{"table": "oak"}', "a table must be given as"),
+        ('{"objects": [], "ground": 3}', "ground must be true or false"),
+        (PLACED % '0], "unit": "mm", "size": 2', "one of unit and size"),
+        (PLACED % '0], "count": 2', "one of count and position"),
+        (PLACED % '0], "count": 0', "count must be a whole number, from 1 to 100; got 0"),
     ],
 )
 def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
@@ -291,7 +303,7 @@ def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
     [
         ({"range": (0.0, 5.0)}, r"--range must be metres above 0.*; got 0\.\.5"),
         ({"range": (9.0, 5.0)}, r"got 9\.\.5"),
-        ({"scene": "forest"}, "one of none, ground, street, room; got 'forest'"),
+        ({"scene": "forest"}, "one of none, ground, street, room, table; got 'forest'"),
         ({"hidden": (0.1, 0.2)}, "can hide: street, room; got --scene none"),
         ({"scene": "street", "hidden": (0.5, 1.5)}, r"within 0\.\.0\.9; got 0\.5\.\.1\.5"),
         ({"keep": "most"}, "one of target, box, all; got 'most'"),

@@ -19,6 +19,8 @@ EXTRAS = {
     "embreex": "embree",
     "jinja2": "report",
     "matplotlib": "report",
+    "mcap_ros2": "mcap",
+    "networkx": "scenes",
     "open3d": "open3d",
     "pyarrow": "parquet",
     "pyrender": "pyrender",

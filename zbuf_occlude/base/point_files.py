@@ -1,5 +1,6 @@
 """Point cloud files: binary PLY, PCD 0.7 as Open3D and PCL read it, CSV; their writers, and a reader of these PCD."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ FIELDS {names}
 SIZE {sizes}
 TYPE {types}
 COUNT {counts}
-WIDTH {n}
-HEIGHT 1
-VIEWPOINT 0 0 0 1 0 0 0
+WIDTH {width}
+HEIGHT {height}
+VIEWPOINT {viewpoint}
 POINTS {n}
 DATA binary
 """
@@ -80,17 +81,12 @@ def write_pcd(path: Path, record: Any) -> None:
     write_pcd_columns(path, record["data"], normals, colors, synced=False)
 
 
-def write_pcd_columns(
-    path: Path,
-    positions: NDArray[Any],
-    normals: NDArray[Any] | None = None,
-    colors: NDArray[np.uint8] | None = None,
-    *,
-    synced: bool = True,
-) -> None:
-    """Write (n, 3) positions, and normals and colours where there are any, as float32.
+def pcl_table(
+    positions: NDArray[Any], normals: NDArray[Any] | None = None, colors: NDArray[np.uint8] | None = None
+) -> tuple[list[str], NDArray[np.float32]]:
+    """Return the names and values (n, fields) of PCL's fields of points, float32.
 
-    A colour is one number, as PCL has it: the bits 0xRRGGBB as a float.
+    A colour is one number: the bits 0xRRGGBB as a float.
     """
     names, columns = ["x", "y", "z"], [positions.astype("<f4")]
     if normals is not None:
@@ -99,9 +95,29 @@ def write_pcd_columns(
     if colors is not None:
         names.append("rgb")
         columns.append((colors.astype("<u4") @ np.array([1 << 16, 1 << 8, 1], "<u4")).view("<f4")[:, None])
-    table = np.concatenate(columns, axis=1)
+    return names, np.concatenate(columns, axis=1)
+
+
+def write_pcd_columns(
+    path: Path,
+    positions: NDArray[Any],
+    normals: NDArray[Any] | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    viewpoint: Sequence[float] = (0, 0, 0, 1, 0, 0, 0),
+    synced: bool = True,
+) -> None:
+    """Write (n, 3) positions, and normals and colours where there are any (`pcl_table`).
+
+    An organised cloud has the points of the pixels of an image, row by row: `size` is its height and width. `viewpoint`
+    is the sensor's position and quaternion w x y z.
+    """
+    names, table = pcl_table(positions, normals, colors)
     repeated = {key: " ".join(word * len(names)) for key, word in (("sizes", "4"), ("types", "F"), ("counts", "1"))}
-    header = _PCD_HEADER.format(n=len(table), names=" ".join(names), **repeated)
+    height, width = size or (1, len(table))
+    placed = {"width": width, "height": height, "viewpoint": " ".join(f"{number:.9g}" for number in viewpoint)}
+    header = _PCD_HEADER.format(n=len(table), names=" ".join(names), **placed, **repeated)
     atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=synced)
 
 

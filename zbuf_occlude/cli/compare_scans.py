@@ -56,6 +56,7 @@ def compare_scans_command(
     scans: tuple[Path, ...],
     sensor: str,
     set_sensor: Settings,
+    camera: str | None,
     poses: Path | None,
     eye: tuple[float, float, float] | None,
     target: tuple[float, float, float] | None,
@@ -81,7 +82,7 @@ def compare_scans_command(
         raise click.UsageError("--eye and --look-at must go together. Give both.")
     if up_axis is not None and eye is None:
         raise click.UsageError("--up-axis must go with --eye and --look-at. Give them.")
-    model = parse_sensor(sensor, set_sensor)
+    model = parse_sensor(sensor, set_sensor, camera)
     sensor_pose = None if eye is None or target is None else look_at(eye, target, up_axis)
     found = compare_scans(mesh, scans, model, poses=poses, sensor_pose=sensor_pose, **options)
     for each in found:

@@ -135,7 +135,7 @@ def verify_command(
     up: str | None,
     unit: str | None,
     samples: int,
-    shard: str | None,
+    shard: tuple[int, int] | None,
     **options: Any,
 ) -> None:
     """Verify the finished dataset in DIR: checksums, counts, readability; and some clouds against their meshes.

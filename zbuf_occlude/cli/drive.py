@@ -117,8 +117,8 @@ def drive_command(
 def _rig(rig: Path | None, options: dict[str, Any]) -> Rig:
     if rig is None:
         height = HEIGHT if options["sensor_height"] is None else options["sensor_height"]
-        return single_rig(parse_sensor(options["sensor"], options["set_sensor"]), height)
-    if given := explicitly_set(click.get_current_context(), ("sensor", "set_sensor", "sensor_height")):
+        return single_rig(parse_sensor(options["sensor"], options["set_sensor"], options["camera"]), height)
+    if given := explicitly_set(click.get_current_context(), ("sensor", "set_sensor", "camera", "sensor_height")):
         raise click.UsageError(f"{given[0]} must go without --rig, whose file has the sensors. Leave one out.")
     return read_rig(rig)
 
@@ -141,7 +141,10 @@ def _path(motion: Motion, duration: float) -> FloatArray:
 
 def _placed(scene: str, path: FloatArray, seed: int) -> list[Any]:
     if Path(scene).suffix.lower() == ".json":
-        return [*placed_of(read_scene(Path(scene)), 0.0), ground_about(path)]
+        read = read_scene(Path(scene))
+        if read["table"] is not None or not read["ground"]:
+            raise OptionError(f"a drive's scene must be on a ground, without a table; {scene} is not. Leave them out.")
+        return [*placed_of(read["objects"], 0.0), ground_about(path)]
     if scene != "street":
         raise OptionError(f"--scene must be street or a JSON file; got {scene!r}.")
     return road_along(path, seed_of(seed, "drive/road"))

@@ -54,7 +54,8 @@ TEXTS = {
     DIR: labelled sweeps in the layout of KITTI, Argoverse 2 or nuScenes. Road users of the built-in shapes become
     complete clouds, occluded clouds, and scans by an HDL-64E in streets. Classifiers are trained on each, on complete
     and occluded clouds, and on complete clouds and scans; on scans also with the azimuths of traffic, and with clouds
-    in metres. They are tested on the labelled objects of the drive, and on simulated scans held out.""",
+    in metres. They are tested on the labelled objects of the drive, and on simulated scans held out. KITTI's sweeps on
+    which the sensor's model was fitted are told apart. --quick takes up to half an hour on two processor cores.""",
 }
 TEXT = """
 

@@ -130,6 +130,12 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option(
     "--overlap", metavar="A..B", help="Range of the share of a view that the other sees too; for --format pairs."
 )
+@click.option(
+    "--depth-unit",
+    type=float,
+    metavar="M",
+    help="Metres per step of all depth images, such as 0.001; for --format frames and bop.  [default: the finest]",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
@@ -184,7 +190,7 @@ def generate_command(
     unit: str | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
-    shard: str | None,
+    shard: tuple[int, int] | None,
     require_gpu: bool,
     retry_failed: bool,
     overwrite: bool,
@@ -244,6 +250,8 @@ def generate_command(
         if "overlap" not in row.options:
             raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
         options["overlap"] = span_of("--overlap", options["overlap"])
+    if options["depth_unit"] is not None and format not in ("frames", "bop"):
+        raise click.UsageError(f"--depth-unit is for --format frames and bop; got --format {format}. Leave it out.")
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
-from zbuf_occlude.base.errors import check_choice
+from zbuf_occlude.base.errors import MeshError, check_choice
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.point_files import columns_of, write_csv, write_ply
 from zbuf_occlude.cli.file_frames import print_frame
@@ -133,13 +133,16 @@ def visible_command(
         seen = occluder.visible(samples, view.eyes) & view.in_frustum(samples.positions)
         renderer = occluder.renderer
     by_any = seen.any(axis=0)
+    if not by_any.any():
+        raise MeshError(
+            f"the camera sees none of the {len(samples):,} points of {mesh}. Raise --fov or --points, or turn it by "
+            "--look-at."
+        )
     cloud = samples.select(by_any)
     normals = cloud.normals_towards(view.eyes[seen.argmax(axis=0)[by_any]]) if subject is loaded else None
     _write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
     if subject is loaded:
         warn_of_missing_colors(mesh, loaded)
-    if not len(cloud):
-        echo("warning: the camera sees no point. Raise --fov or --points, or turn it by --look-at.", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
     n_cameras = f" to any of {len(view)} cameras" if union else ""
     echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on_renderer(renderer)}: {out}{why}")
@@ -257,12 +260,16 @@ def depth_command(
     with GlContext.open() as gl:
         depths = render_depth(gl, loaded, camera(loaded), size)
         renderer = gl.renderer
+    seen = np.isfinite(depths)
+    if not seen.any():
+        raise MeshError(
+            f"no pixel of {size} x {size} shows {mesh}. Raise --fov or --resolution, or turn it by --look-at."
+        )
     if suffix == ".npy":
         atomic.write(out, lambda file: np.save(file, depths.astype(np.float32)))
     else:
         (write_png if suffix == ".png" else write_exr)(out, depths)
-    seen = np.isfinite(depths)
-    span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
+    span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}"
     echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
     print_frame(mesh, loaded, up, unit)
 
@@ -273,9 +280,8 @@ def write_png(path: Path, depths: FloatArray) -> None:
 
     seen = np.isfinite(depths)
     grey = np.zeros(depths.shape, dtype=np.uint16)
-    if seen.any():
-        near, far = depths[seen].min(), depths[seen].max()
-        grey[seen] = 65535 - 50000 * ((depths[seen] - near) / max(far - near, np.finfo(np.float64).tiny))
+    near, far = depths[seen].min(), depths[seen].max()
+    grey[seen] = 65535 - 50000 * ((depths[seen] - near) / max(far - near, np.finfo(np.float64).tiny))
     atomic.write(path, lambda file: Image.fromarray(grey).save(file, format="PNG"))
 
 
@@ -330,6 +336,7 @@ def views_command(
     order: bool,
     sensor: str | None,
     set_sensor: Settings,
+    camera: str | None,
     min_density: float,
     points: int,
     seed: int,
@@ -353,11 +360,11 @@ def views_command(
     suffix = None if out is None else suffix_of(out, (".csv", ".png"))
     if suffix == ".png" and not coverage:
         raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
-    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "min_density"))):
+    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "camera", "min_density"))):
         raise click.UsageError(f"{idle[0]} must go with --coverage.")
-    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "min_density"))):
+    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "camera", "min_density"))):
         raise click.UsageError(f"{idle[0]} must go with --sensor.")
-    model = None if sensor is None else parse_sensor(sensor, set_sensor)
+    model = None if sensor is None else parse_sensor(sensor, set_sensor, camera)
     if model is not None and unit is None and not has_metres(mesh):
         raise click.UsageError("--sensor needs lengths in metres: give --unit of the file, m if it is in metres.")
     with Limits().watch():
@@ -373,6 +380,7 @@ def views_command(
             found = measure_coverage(
                 loaded, about, sensor=model, min_density=min_density, greedy=order, n_points=points, seed=seed
             )
+        check_seen(found, model, about, min_density)
         seen = f", {found.together[-1]:.1%} of the surface seen by any"
         if order and (n_useful := np.count_nonzero(found.gain)):
             seen += f", by the first {n_useful} as by all"
@@ -391,8 +399,6 @@ def views_command(
             echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
     print_frame(mesh, loaded, up, unit)  # the sum over the views stays the last line
     echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
-    if model is not None and found is not None and not found.together[-1]:
-        warn_of_nothing(model, about, min_density)
 
 
 def columns_of_views(views: Views, longest_side: float, found: Coverage | None) -> dict[str, NDArray[Any]]:
@@ -405,15 +411,18 @@ def columns_of_views(views: Views, longest_side: float, found: Coverage | None) 
     return {"view": found.order, **ordered, "alone": found.alone, "gain": found.gain, "together": found.together}
 
 
-def warn_of_nothing(sensor: Sensor, views: Views, min_density: float) -> None:
-    """Warn that a sensor measures nothing from any view."""
+def check_seen(found: Coverage, sensor: Sensor | None, views: Views, min_density: float) -> None:
+    """Raise MeshError where views see nothing of a surface: with the limits, and what to do."""
+    if found.together[-1]:
+        return
+    if sensor is None:
+        raise MeshError("the views see nothing of the surface. Raise --distance or --points.")
     model, away = sensor.noise_model, views.distance.max()
     dense = ", or lower --min-density" if min_density else ""
-    echo(
-        f"warning: {sensor.name} measures nothing of the surface. It measures at {model.range_min:g} to "
+    raise MeshError(
+        f"{sensor.name} measures nothing of the surface. It measures at {model.range_min:g} to "
         f"{model.range_max:g} m; the farthest view is {away:.3g} m from the centre. Change --distance, or correct the "
-        f"--unit of the file{dense}.",
-        err=True,
+        f"--unit of the file{dense}."
     )
 
 

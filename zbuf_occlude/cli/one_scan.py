@@ -1,5 +1,6 @@
 """Command `scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and a plot of it."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,10 +63,11 @@ def scan_command(
 ) -> None:
     """Scan the first of MESHES; the others, or the built-in shapes, fill the scene.
 
-    Points are in metres, z up, with the centre of the object's box at the origin. A camera is --range away in the
-    direction of --azimuth and --elevation. So is a LiDAR in a scene without a ground; over a ground it is mounted at
-    its height, --range away along the ground. Each point has range, incidence (radians), intensity, ring, column,
-    instance (0: the object), n_returns, time and normal.
+    Points are in metres, z up, in the coordinates of the object's file: a --size scales it about the centre of its box,
+    a --unit about its origin. A camera is --range away from that centre in the direction of --azimuth and --elevation.
+    So is a LiDAR in a scene without a ground; over a ground it is mounted at its height, --range away along the ground.
+    Each point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns, time and
+    normal. Where nothing returns, no file is written, and the exit code is 1.
 
     \b
     Examples:
@@ -88,43 +90,41 @@ def scan_command(
     collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(scan.transparent))
     check_sizes(scan, collection)
     warn_of_lying(collection[:1], up)
-    capture, size = scan_once(collection, scan, azimuth, elevation, seed)
-    found = capture.scan
+    capture, size, centre = scan_once(collection, scan, azimuth, elevation, seed)
+    check_returns(capture, scan, size)
+    found = replace(capture.scan, origin=capture.scan.origin + centre)
     found.save(out, keep_clean=scan.keep_clean)
     hidden = ""
-    if scan.share is not None or scan.objects:
+    if scan.may_hide:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (the requested share could not be reached)"
     echo(f"{len(found)} returns by {scan.sensor.name}, rays by {scan.method}{hidden}: {out}")
     lengths = lengths_of(scan, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
-    warnings = scan_warnings(capture, scan, size)
-    for warning in warnings:
+    for warning in cut_off(QualityCounts.of_cut(*capture.cut).cut, scan.to_dict()):
         echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, scan.sensor)
 
 
-def scan_warnings(capture: Capture, scan: ScanConfig, size: float) -> list[str]:
-    """Return warnings of returns beyond the sensor's range, and of a scan without any return."""
-    cut, sensor = capture.cut, scan.sensor
-    warnings = list(cut_off(QualityCounts.of_cut(*cut).cut, scan.to_dict()))
-    if not len(capture.scan):
-        whole_scene = scan.keep == "all"
-        if not cut.n_returns or cut.n_near + cut.n_far < cut.n_returns:
-            why = why_empty(capture, sensor, scan.method, whole_scene)
-            what = "scene" if whole_scene else "object"
-            warnings.append(f"warning: nothing of the {what} returns: {why.reason}. {why.cure}")
-        away = float(np.linalg.norm(capture.pose[:3, 3]))
-        warnings[-1] += f" The object is {size:.4g} m long and {away:.4g} m away."
-    return warnings
+def check_returns(capture: Capture, scan: ScanConfig, size: float) -> None:
+    """Raise MeshError where a scan has no return: with the reason, and what to do."""
+    if len(capture.scan):
+        return
+    is_of_all = scan.keep == "all"
+    why = why_empty(capture, scan.sensor, scan.method, is_of_all)
+    away = float(np.linalg.norm(capture.pose[:3, 3]))
+    raise MeshError(
+        f"nothing of the {'scene' if is_of_all else 'object'} returns: {why.reason}. The object is {size:.4g} m long "
+        f"and {away:.4g} m away. {why.cure}"
+    )
 
 
 def scan_once(
     collection: MeshCollection, scan: ScanConfig, azimuth: float, elevation: float, seed: int
-) -> tuple[Capture, float]:
-    """Return the capture of a collection's first mesh, and the longest side of that mesh in metres.
+) -> tuple[Capture, float, FloatArray]:
+    """Return the capture of a collection's first mesh, its longest side in metres, and its centre (3,) in the file.
 
     The rest of the collection, or the built-in shapes, fill the scene. Raises OptionError for a class without a size,
     or a range within the object.
@@ -149,7 +149,7 @@ def scan_once(
         raise OptionError(no_transparent_material("--transparent", loaded))
     if n_raised(views, places, scan):
         echo("warning: the camera would be below the ground and was placed on it. Raise --elevation.", err=True)
-    return capture, size
+    return capture, size, loaded.centre
 
 
 PLOT_RADIUS = 4.0

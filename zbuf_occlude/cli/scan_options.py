@@ -27,8 +27,8 @@ from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, find_method
 
 SCAN_OPTIONS = (
-    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height", "transparent",
-    "velocity", "turn", "trajectory", "deskew",
+    "sensor", "set_sensor", "camera", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
+    "transparent", "velocity", "turn", "trajectory", "deskew",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
 OF_SCANS = (
@@ -53,7 +53,7 @@ def vector(text: str) -> tuple[float, float, float]:
 
 
 def sensor_options(sensor: str | None) -> Decorator:
-    """Return the options --sensor and --set-sensor; `sensor` is the default, None for no sensor."""
+    """Return the options --sensor, --set-sensor and --camera; `sensor` is the default, None for no sensor."""
     return all_of(
         click.option(
             "--sensor",
@@ -66,6 +66,12 @@ def sensor_options(sensor: str | None) -> Decorator:
             type=Setting(),
             multiple=True,
             help="Parameter of the sensor, such as columns=900 or noise=0; repeatable.",
+        ),
+        click.option(
+            "--camera",
+            metavar="FILE",
+            help="Intrinsics of a pinhole sensor: BOP's camera.json, ROS's camera_info.yaml, COLMAP's cameras.txt, "
+            "Open3D's JSON.",
         ),
     )
 
@@ -179,9 +185,17 @@ def named_caster(context: click.Context) -> str:
     return str(name)
 
 
-def parse_sensor(name: str, settings: Settings) -> Sensor:
-    """Return a sensor with the parameters of --set-sensor; raises OptionError as `zbuf_occlude.sensors.make`."""
-    sensor = sensors.make(name, **dict(settings))
+def parse_sensor(name: str, settings: Settings, camera: str | None) -> Sensor:
+    """Return a sensor with the intrinsics of --camera and the parameters of --set-sensor.
+
+    Raises OptionError as `zbuf_occlude.sensors.make` and `zbuf_occlude.sensors.read_intrinsics`.
+    """
+    sensor = sensors.make(name)
+    if camera is not None:
+        if sensor.kind != "pinhole":
+            raise OptionError(f"--camera must go with a pinhole sensor; {sensor.name} is {sensor.kind}. Leave it out.")
+        sensor = sensors.make(sensor, **sensors.read_intrinsics(camera))
+    sensor = sensors.make(sensor, **dict(settings))
     sensor.rays()  # raises for wrong parameters
     return sensor
 
@@ -224,19 +238,21 @@ def overruled(scan: ScanConfig, views: Views) -> Iterator[str]:
 
 def parse_scan(method: str, options: dict[str, Any]) -> ScanConfig:
     """Return the options of `scan_options`, those of a sensor; raise OptionError for one that is out of range."""
-    sensor = parse_sensor(options["sensor"], options["set_sensor"])
-    scene, objects = options["scene"], list[dict[str, Any]]()
+    sensor = parse_sensor(options["sensor"], options["set_sensor"], options["camera"])
+    scene, of_file = options["scene"], dict[str, Any]()
     transparent = dict(_material(each) for each in options["transparent"])
     if Path(scene).suffix.lower() == ".json":
-        scene, objects = "file", with_checksums(read_scene(Path(scene)), colors=bool(transparent))
-    if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.no_motion_reason:
+        scene, of_file = "file", read_scene(Path(scene))
+        of_file["objects"] = with_checksums(of_file["objects"], colors=bool(transparent))
+    moving = any(each.get("velocity") or each.get("turn") for each in of_file.get("objects", ()))
+    if moving and sensor.no_motion_reason:
         echo(f"warning: moving objects stand still: {sensor.no_motion_reason}", err=True)
     scan = ScanConfig(
         sensor,
         range=options["range_"],
         size={} if options["size"] is None else sizes_of(options["size"]),
         scene=scene,
-        objects=objects,
+        **of_file,
         hidden=options["hidden"],
         keep=options["keep"],
         keep_clean=options["keep_clean"],
@@ -267,8 +283,10 @@ def _motion(options: dict[str, Any]) -> Motion | None:
 
 def _material(text: str) -> tuple[str, float | None]:
     """Parse ``NAME`` or ``NAME=SHARE``."""
-    name, equals, share = text.rpartition("=")
+    name, equals, share = text.rpartition("=") if "=" in text else (text, "", "")
     try:
-        return (name, float(share)) if equals else (text, None)
+        if not name.strip():
+            raise ValueError
+        return name, float(share) if equals else None
     except ValueError:
         raise OptionError(f"--transparent must be NAME or NAME=SHARE, SHARE in 0..1; got {text!r}.") from None

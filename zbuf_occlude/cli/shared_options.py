@@ -435,7 +435,11 @@ engine_options = all_of(
 
 def shard_option(help: str) -> Decorator:
     """Return the option --shard with its help text."""
-    return click.option("--shard", metavar="I/N", help=help)
+    return click.option("--shard", metavar="I/N", callback=_parsed_shard, help=help)
+
+
+def _parsed_shard(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    return None if value is None else parse_shard(value)
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
@@ -453,6 +457,6 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
     return partial(run_local, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 
-def share_of(shard: str | None) -> tuple[int, int]:
+def share_of(shard: tuple[int, int] | None) -> tuple[int, int]:
     """Return the share (i, n) of this machine, from --shard or from SLURM's environment."""
-    return parse_shard(shard) if shard is not None else from_environment(os.environ)
+    return from_environment(os.environ) if shard is None else shard

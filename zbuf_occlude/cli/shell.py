@@ -128,8 +128,8 @@ PANELS = {
     "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage order most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size complete "
     "subset overlap seed attributes seconds row_seconds reference_points",
-    "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height transparent least_points "
-    "rig velocity turn trajectory deskew sweeps eye target up_axis poses depth_unit min_density",
+    "Sensor": "sensor set_sensor camera range_ size scene hidden keep keep_clean sensor_height transparent "
+    "least_points rig velocity turn trajectory deskew sweeps eye target up_axis poses depth_unit min_density",
     "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
     "objects quick",
     "Output": "out format layout sequence resolution scale frame axes picture overwrite",

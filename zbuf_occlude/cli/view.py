@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 SAVED = (".ply", ".pcd", ".csv")
 """Suffixes of the files of saved clouds."""
-OF_MESHES = ("sensor", "set_sensor", "size", "points", "up", "unit")
+OF_MESHES = ("sensor", "set_sensor", "camera", "size", "points", "up", "unit")
 """Options that datasets do not have."""
 
 
@@ -105,6 +105,7 @@ def view_mesh(
     *,
     sensor: str | None,
     set_sensor: Settings,
+    camera: str | None,
     size: float | None,
     points: int,
     up: str | None,
@@ -115,11 +116,11 @@ def view_mesh(
 
     if size is not None and unit is not None:
         raise click.UsageError("--size is in metres for files of any unit; leave out --unit.")
-    if set_sensor and sensor is None:
-        raise click.UsageError("--set-sensor must go with --sensor.")
+    if (set_sensor or camera) and sensor is None:
+        raise click.UsageError(f"{'--set-sensor' if set_sensor else '--camera'} must go with --sensor.")
     sensors, chosen = dict(SENSORS), NO_SENSOR
     if sensor is not None:
-        model = parse_sensor(sensor, set_sensor)
+        model = parse_sensor(sensor, set_sensor, camera)
         chosen = model.name
         sensors[chosen] = model
     with Limits().watch():

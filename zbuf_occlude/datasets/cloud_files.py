@@ -74,7 +74,9 @@ def _read(path: Path, suffix: str) -> FloatArray:
     if suffix == ".bin":
         columns, data = 5 if path.name.lower().endswith(".pcd.bin") else 4, path.read_bytes()
         if len(data) % (4 * columns):
-            raise ValueError(f"it must hold {columns} float32 numbers per point; it has {len(data)} bytes")
+            raise ValueError(
+                f"it must hold {columns} float32 numbers per point; it has {len(data)} bytes. Is it cut short?"
+            )
         return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
     loaded: Any = np.load(path, allow_pickle=False)
     table = loaded["points"] if suffix == ".npz" else loaded

@@ -130,7 +130,7 @@ def why_no_cloud(capture: Capture, scan: ScanConfig, places: Views, view: int, n
         return f"only {n_distinct} distinct points, fewer than --least-points {scan.least_points}"
     if n_distinct == 1:
         return IN_ONE_PLACE
-    return why_empty(capture, scan.sensor_of(places, view), scan.method, scan.keep == "all").reason
+    return why_empty(capture, scan.sensor.of_view(places, view), scan.method, scan.keep == "all").reason
 
 
 def sample(mesh: Mesh, config: DatasetConfig, seed: np.random.SeedSequence) -> SurfacePoints:

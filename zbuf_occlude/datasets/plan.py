@@ -141,6 +141,8 @@ class DatasetConfig:
         None: they have the collection's own splits.
     overlap : (float, float) or None
         Bounds of the overlap of two views, for the format pairs: the share of what one sees that the other sees too.
+    depth_unit : float or None
+        Metres per step of the depth images of frames and bop; None: the finest power of ten for each object or image.
     seed : int
 
     Raises
@@ -170,6 +172,7 @@ class DatasetConfig:
     scan: ScanConfig | None = None
     split: Sequence[float] | None = None
     overlap: Sequence[float] | None = None
+    depth_unit: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -204,6 +207,8 @@ class DatasetConfig:
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
             low, high = self.overlap
             raise OptionError(f"overlap must be shares above 0 and up to 1, A..B with A <= B; got {low:g}..{high:g}.")
+        if self.depth_unit is not None and not 0.0 < self.depth_unit < np.inf:
+            raise OptionError(f"--depth-unit must be metres above 0; got {self.depth_unit:g}.")
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
@@ -212,12 +217,14 @@ class DatasetConfig:
     def _check_boxes(self) -> None:
         if self.complete:
             raise OptionError(f"{BOXES} must be of scans; complete clouds are not scanned. Leave --complete out.")
-        if not (self.scan and self.scan.is_level and self.scan.keep == "all"):
+        scan = self.scan
+        if not (scan and scan.is_level and scan.keep == "all"):
+            given = f"--sensor {scan.sensor.name} --scene {scan.scene} --keep {scan.keep}" if scan else "no --sensor"
             raise OptionError(
-                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; got {given}. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
-        if self.scan.motion and not self.scan.motion.deskew:
+        if scan.motion and not scan.motion.deskew:
             raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
 
     def make_views(self, key: str = "") -> Views:

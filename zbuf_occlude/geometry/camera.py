@@ -83,6 +83,15 @@ def rotations_of(quaternions: ArrayLike) -> FloatArray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
+def quaternion_of(rotation: ArrayLike) -> FloatArray:
+    """Return the unit quaternion (4,), w x y z, of a rotation (3, 3)."""
+    from trimesh.transformations import quaternion_from_matrix  # late: few need it, and the import takes a moment
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    return np.asarray(quaternion_from_matrix(matrix))
+
+
 class Frusta(NamedTuple):
     """Off-centre frusta, one for each of k cameras; each field is (k,).
 
@@ -217,7 +226,9 @@ def picture_frusta(views: FloatArray, positions: FloatArray, windows: FloatArray
         left, right, bottom, top = windows.T
         fits, frusta = frusta.near > 0, frusta._replace(left=left, right=right, bottom=bottom, top=top)
     if not fits.all():
-        raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
+        raise ArgumentError(
+            "the mesh must lie in front of the camera; it does not. Raise the distance, or turn the camera to it."
+        )
     x, y = (frusta.left + frusta.right) / 2.0, (frusta.bottom + frusta.top) / 2.0
     half = np.maximum(frusta.right - frusta.left, frusta.top - frusta.bottom) / 2.0
     return frusta._replace(left=x - half, right=x + half, bottom=y - half, top=y + half)

@@ -3,10 +3,12 @@
 sensors.SENSORS                          the table, every number with its source
 sensors.make("vlp-32c", columns=1800)    one of them, with some numbers changed
 sensors.make("mine.yaml")                a sensor from a file
+sensors.read_intrinsics("camera.json")   width, height, f, fy, cx, cy of a camera's file
 sensor.rays()                            rays in the sensor's frame: x forward, y left, z up
 """
 
 from zbuf_occlude.sensors.bop import write_bop
+from zbuf_occlude.sensors.camera_files import read_intrinsics
 from zbuf_occlude.sensors.catalog import SENSORS, make
 from zbuf_occlude.sensors.drives import DriveSweep, scan_drive
 from zbuf_occlude.sensors.frames import Frame, frames, write_frames
@@ -33,6 +35,7 @@ __all__ = [
     "look_at",
     "make",
     "mount_pose",
+    "read_intrinsics",
     "read_rig",
     "read_trajectory",
     "scan",

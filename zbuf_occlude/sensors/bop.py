@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_number
 from zbuf_occlude.base.errors import ArgumentError, escape_control, shown
 from zbuf_occlude.base.extras import importing
+from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, frames, pixel_rays, png
+from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, farthest, frames, pixel_rays, png
 from zbuf_occlude.sensors.scenes.scene import Scene
+from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import check_views
 from zbuf_occlude.visibility import prepare
@@ -48,6 +49,9 @@ def write_bop(
     background: str | Collection[str] = BACKGROUND,
     split: str = "train",
     method: str = "exact",
+    sensor: Sensor | str | Path | None = None,
+    seed: int | np.random.SeedSequence | np.random.Generator = 0,
+    unit: float | None = None,
     **options: Any,
 ) -> list[str]:
     """Write images, depths, masks and poses of scenes in the format of BOP (BOP-scenewise).
@@ -57,7 +61,7 @@ def write_bop(
     models/models_info.json         diameter, corner and sides of each model's box
     camera.json                     the camera of the first image
     SPLIT/000000/rgb/000000.png     first scene, first view: base colours, or grey lit from the camera
-    .../depth/000000.png            16 bits: depth along the axis over ``depth_scale``, millimetres; 0: no hit
+    .../depth/000000.png            16 bits: depth along the axis over ``depth_scale``, millimetres; 0: none
     .../mask/000000_000001.png      255 where the scene's second object would be hit if it were alone
     .../mask_visib/...              255 where it is hit
     .../scene_camera.json           K, R, t (world to camera) and ``depth_scale`` of each view
@@ -83,6 +87,10 @@ def write_bop(
         Name of the folder of scenes.
     method : str
         Ray caster. The masks of ``exact`` have no error.
+    sensor, seed
+        As in `frames`: a depth camera whose noise is in the depth alone.
+    unit : float, optional
+        Step of all depth images, metres. By default the smallest power of ten that covers the depths of an image.
     **options
         Options of the method.
 
@@ -142,10 +150,12 @@ def write_bop(
         raise ArgumentError(
             f"a BOP folder must be new; {os.fspath(folder)} has {', '.join(older)}. Remove them, or give another."
         )
-    writer = BopWriter(folder, background=background, method=method, **options)
+    rng = generator(seed)
+    size: dict[str, Any] = {"width": width, "height": height, "fov": fov}
+    writer = BopWriter(folder, background=background, unit=unit, method=method, **options)
     for number, (scene, eyes) in enumerate(zip(scenes, placed, strict=True)):
-        found = frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options)
-        writer.write_scene(f"{split}/{number:06d}", ((scene, frame, frame.depth) for frame in found))
+        found = frames(scene, eyes, **size, method=method, sensor=sensor, seed=rng, **options)
+        writer.write_scene(f"{split}/{number:06d}", ((scene, frame) for frame in found))
     return writer.finish()
 
 
@@ -167,37 +177,36 @@ class BopWriter:
         folder: str | os.PathLike[str],
         *,
         background: Collection[str] = BACKGROUND,
+        unit: float | None = None,
         method: str = "exact",
         **options: Any,
     ) -> None:
+        if unit is not None:
+            unit = as_number(unit, "unit", "a length above 0", lambda length: length > 0.0)
+        self._unit = unit
         self._folder, self._background, self._method, self._options = Path(folder), background, method, options
         self._models, self._info, self._names = list[Mesh](), dict[str, Any](), list[str]()
 
-    def write_scene(self, subfolder: str, images: Iterable[tuple[Scene, Frame, NDArray[np.float32]]]) -> None:
-        """Write the images of one scene into a subfolder.
-
-        Each image is a scene, a frame without noise, and the depths (h, w) to be written, infinite without a hit. The
-        scenes of the images may differ.
-        """
+    def write_scene(self, subfolder: str, images: Iterable[tuple[Scene, Frame]]) -> None:
+        """Write the images of one scene into a subfolder; the scenes of the images may differ."""
         cameras, poses, counts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
         with ExitStack() as opened:
             last, objects = None, list[_Object]()
-            for view, (scene, frame, depth) in enumerate(images):
+            for view, (scene, frame) in enumerate(images):
                 if scene is not last:
                     opened.close()
                     last = scene
                     objects = [self._object(scene, i, opened) for i in _foreground(scene, self._background)]
-                measured = np.isfinite(depth)
-                unit = depth_unit(float(depth[measured].max(initial=0.0)))
+                unit = self._unit or depth_unit(farthest(frame))
                 if "camera.json" not in self._names:
                     self._write("camera.json", _json(_lens(frame, unit)))
                 self._write(f"{subfolder}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.rgba[..., :3])))
-                self._write(f"{subfolder}/depth/{view:06d}.png", png(depth_steps(depth, unit)))
-                lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
+                self._write(f"{subfolder}/depth/{view:06d}.png", png(depth_steps(frame.depth, unit)))
+                lens = {"cam_K": frame.opencv_intrinsics.ravel().tolist(), "depth_scale": unit * MILLIMETRES}
                 cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
                 poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
                 counts[str(view)] = [
-                    self._write_masks(subfolder, view, row, each, frame, measured) for row, each in enumerate(objects)
+                    self._write_masks(subfolder, view, row, each, frame) for row, each in enumerate(objects)
                 ]
         for name, document in (("camera", cameras), ("gt", poses), ("gt_info", counts)):
             self._write(f"{subfolder}/scene_{name}.json", _json(document))
@@ -212,9 +221,7 @@ class BopWriter:
         (self._folder / name).write_bytes(content)
         self._names.append(name)
 
-    def _write_masks(
-        self, subfolder: str, view: int, row: int, each: _Object, frame: Frame, measured: BoolArray
-    ) -> dict[str, Any]:
+    def _write_masks(self, subfolder: str, view: int, row: int, each: _Object, frame: Frame) -> dict[str, Any]:
         """Write both masks of an object; return its entry of scene_gt_info.json."""
         whole, visible = silhouette(each.alone, each.bounds, frame), frame.instances == each.instance
         height, width = visible.shape
@@ -222,7 +229,7 @@ class BopWriter:
         inside |= visible  # the rays of `whole` differ in the last bit
         for name, mask in (("mask", inside), ("mask_visib", visible)):
             self._write(f"{subfolder}/{name}/{view:06d}_{row:06d}.png", png(mask.astype(np.uint8) * np.uint8(255)))
-        return _gt_info(whole, inside & measured, visible)
+        return _gt_info(whole, inside & np.isfinite(frame.depth), visible)
 
     def _object(self, scene: Scene, i: int, opened: ExitStack) -> _Object:
         own, pose = _used(scene.mesh, scene.instances == i), np.eye(4)
@@ -325,13 +332,8 @@ def _diameter(vertices: FloatArray) -> float:
     return float(max(np.linalg.norm(block, axis=2).max() for block in blocks))
 
 
-def _bop_matrix(frame: Frame) -> FloatArray:
-    """Return K with the origin at the first pixel's centre."""
-    return frame.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
-
-
 def _lens(frame: Frame, unit: float) -> dict[str, Any]:
-    (fx, _, cx), (_, fy, cy), _ = _bop_matrix(frame).tolist()
+    (fx, _, cx), (_, fy, cy), _ = frame.opencv_intrinsics.tolist()
     height, width = frame.depth.shape
     return {
         "cx": cx, "cy": cy, "fx": fx, "fy": fy, "width": width, "height": height, "depth_scale": unit * MILLIMETRES

@@ -19,7 +19,7 @@ from zbuf_occlude.sensors.poses import look_at, pose_of_camera
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import noiseless_scan
-from zbuf_occlude.sensors.scenes.contents import placed_of
+from zbuf_occlude.sensors.scenes.contents import at_rest_of, placed_of
 from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
@@ -97,9 +97,9 @@ def in_metres(mesh: Mesh, label: str, config: ScanConfig) -> tuple[Mesh, float]:
 def sensor_views(views: Views, size: float, floor: float, config: ScanConfig, seeds: Seeds) -> Views:
     """Return the views of the sensor about the origin, metres; `size` is the target's longest side.
 
-    Cameras of a file keep their poses. Above a ground, at the height `floor`, a LiDAR takes only the azimuths from
-    `views`, and other cameras that would be below the ground are raised. A range of distances that starts inside the
-    target is cut to the part outside.
+    Cameras of a file keep their poses. Above a ground or a table, at the height `floor`, a LiDAR takes only the
+    azimuths from `views`, and other cameras that would be below it are raised. A range of distances that starts
+    inside the target is cut to the part outside.
     """
     if views.rotations is not None:
         return views
@@ -112,9 +112,9 @@ def sensor_views(views: Views, size: float, floor: float, config: ScanConfig, se
         lengths = np.array(draws) ** (1.0 / power)
     azimuth, elevation, distance = views.azimuth, views.elevation, lengths
     if config.height is not None:
-        up = floor + config.height
+        up = floor + config.height - (0.0 if config.table is None else config.table["height"])
         elevation, distance = np.arctan2(up, lengths), np.hypot(up, lengths)
-    elif config.kind.sensor_height is not None:
+    elif config.kind.sensor_height is not None or config.table is not None:
         elevation = np.maximum(elevation, np.arcsin(np.clip((floor + LOWEST) / lengths, -1.0, 1.0)))
     if (lengths <= size / 2).any():
         is_of_file = isinstance(config.size, str)
@@ -144,7 +144,7 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
     with prepare_scene(target_scene, config.method) as alone:
 
         def captured(scene: Scene, occluder: VisibilityQuery, view: int) -> Capture:
-            sensor, pose = config.sensor_of(views, view), poses[view]
+            sensor, pose = config.sensor.of_view(views, view), poses[view]
             returns = noiseless_scan(
                 scene,
                 sensor,
@@ -159,14 +159,14 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
             kept = _kept(found, mesh, config, np.random.default_rng(seeds("box", view)))
             return Capture(found.select(kept), returns, scene, occluder, pose, cut=_cut(returns, sensor, mesh, pose))
 
-        if config.share is not None or config.objects:  # others may hide some of the target
+        if config.may_hide:
             points, visible_alone = _visible_alone(target_scene, alone, views, config, seeds)
         if config.share is None:  # the same scene for all views
             placed = _arrange(target, config, views, floor, seeds, pool, 0).placed
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare_scene(scene, config.method) as occluder:
-                if config.objects:
+                if config.may_hide:
                     visible = _visible(scene, occluder, points, views.eyes, config)
                     shares = [_hidden_share(mask[own]) for mask, own in zip(visible, visible_alone, strict=True)]
                 for number, hidden in enumerate(shares):
@@ -221,10 +221,12 @@ def _arrange(
     positions: FloatArray = _NOWHERE,
 ) -> SceneLayout:
     """Put objects around a target; `positions` are those that the view would see of the target alone."""
-    request = SceneRequest(target, views.eyes[view], floor, positions, config.share, pool)
-    layout = config.kind.arrange(request, np.random.default_rng(seeds("scene", view)))
-    from_file = placed_of([dict(each) for each in config.objects], floor, config.transparent)
-    return layout._replace(placed=layout.placed + from_file)
+    request = SceneRequest(target, views.eyes[view], floor, positions, config.share, pool, config.table)
+    rng = np.random.default_rng(seeds("scene", view))
+    layout = config.kind.arrange(request, rng)
+    fixed = placed_of(config.objects, floor, config.transparent)
+    resting = at_rest_of(config.objects, request, fixed, rng, config.transparent)
+    return layout._replace(placed=[*layout.placed, *fixed, *resting])
 
 
 def _visible(

@@ -1,4 +1,7 @@
-"""Frames: depth, normals, faces and instances of each pixel, by rays through the pixels' centres; frames as files."""
+"""Frames: depth, normals, faces and instances of each pixel, by rays through the pixels' centres; frames as files.
+
+The depth is exact, or as a depth camera measures it. All else is of the first hits, exact.
+"""
 
 import io
 import json
@@ -15,14 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, as_flag, as_number
-from zbuf_occlude.base.errors import ArgumentError, check_int
+from zbuf_occlude.base.errors import ArgumentError, OptionError, check_int
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.geometry.camera import field_of_view
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
+from zbuf_occlude.sensors.casting import prepare_scene
+from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.noise import apply_noise
+from zbuf_occlude.sensors.poses import pose_of_camera
+from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.scene import Scene
+from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
 from zbuf_occlude.views.model import MOST_PIXELS, check_views
 from zbuf_occlude.visibility import find_method, prepare
@@ -52,7 +62,7 @@ class Frame:
     Parameters
     ----------
     depth : (h, w) float32
-        Depth along the camera's axis, world units; infinite where nothing is hit.
+        Depth along the camera's axis, world units; infinite where nothing is hit, or where a sensor measures nothing.
     face_ids : (h, w) int32
         Face of the mesh or scene; -1 where nothing is hit.
     instances : (h, w) int32
@@ -89,8 +99,8 @@ class Frame:
 
     @property
     def mask(self) -> BoolArray:
-        """True where a pixel hits something, (h, w)."""
-        return np.isfinite(self.depth)
+        """True where a pixel hits something, (h, w), whether or not a sensor measures it."""
+        return np.asarray(self.face_ids >= 0)
 
     @property
     def extrinsics(self) -> FloatArray:
@@ -107,11 +117,37 @@ class Frame:
 
     @property
     def points(self) -> FloatArray:
-        """Centres of the covered pixels at their depths, world space, (n, 3), row by row."""
-        rows, columns = np.nonzero(self.mask)
-        rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1) @ np.linalg.inv(self.intrinsics).T
+        """Centres of the measured pixels at their depths, world space, (n, 3), row by row."""
         rotation, origin = self.extrinsics[:, :3], self.extrinsics[:, 3]
-        return np.asarray((rays * self.depth[rows, columns, None].astype(np.float64) - origin) @ rotation)
+        return np.asarray((self.organized[np.isfinite(self.depth)] - origin) @ rotation)
+
+    @property
+    def organized(self) -> FloatArray:
+        """Points of all pixels, (h, w, 3), OpenCV's camera space; NaN where there is no depth."""
+        (fx, _, cx), (_, fy, cy), _ = self.intrinsics
+        height, width = self.depth.shape
+        depth = np.where(np.isfinite(self.depth), self.depth, np.nan).astype(np.float64)
+        x, y = (np.arange(width) + 0.5 - cx) / fx, (np.arange(height) + 0.5 - cy) / fy
+        return np.stack([x * depth, y[:, None] * depth, depth], axis=-1)
+
+    @property
+    def opencv_intrinsics(self) -> FloatArray:
+        """K (3, 3) with the centre of the first pixel at (0, 0), as OpenCV, ROS, BOP and Open3D have it."""
+        return self.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+    @property
+    def camera(self) -> dict[str, Any]:
+        """K, R and t (world space to OpenCV's camera space), width and height as plain data, as `from_json` reads."""
+        height, width = self.depth.shape
+        matrices = {"K": self.intrinsics, "R": self.extrinsics[:, :3], "t": self.extrinsics[:, 3]}
+        return {**{name: values.tolist() for name, values in matrices.items()}, "width": width, "height": height}
+
+    def with_depths(self, rows: IntArray, columns: IntArray, points: FloatArray) -> "Frame":
+        """Return the frame with the depths of points (n, 3), world space, at pixels; the nearest of each pixel."""
+        depth = np.full(self.depth.shape, np.inf, np.float32)
+        away = -(points.astype(np.float64) @ self.pose[2, :3] + self.pose[2, 3])
+        np.minimum.at(depth, (rows, columns), away.astype(np.float32))
+        return replace(self, depth=depth)
 
     @property
     def rgba(self) -> Bytes:
@@ -127,7 +163,7 @@ class Frame:
         return found
 
     def to_open3d(self) -> Any:
-        """Return an ``open3d.geometry.RGBDImage`` and its ``PinholeCameraIntrinsic``; depth 0 where nothing is hit.
+        """Return an ``open3d.geometry.RGBDImage`` and its ``PinholeCameraIntrinsic``; depth 0 where there is none.
 
         Raises
         ------
@@ -139,13 +175,12 @@ class Frame:
         height, width = self.depth.shape
         pixels: list[Any] = [
             np.ascontiguousarray(self.rgba[..., :3]),
-            np.where(self.mask, self.depth, np.float32(0)),
+            np.where(np.isfinite(self.depth), self.depth, np.float32(0)),
         ]
         color, depth = (open3d.geometry.Image(each) for each in pixels)
         image = open3d.geometry.RGBDImage.create_from_color_and_depth(color, depth, 1.0, np.inf, False)
-        # Open3D's origin is the first pixel's centre
-        (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
-        return image, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx - 0.5, cy - 0.5)
+        (fx, _, cx), (_, fy, cy), _ = self.opencv_intrinsics.tolist()
+        return image, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx, cy)
 
 
 def frames(
@@ -158,9 +193,13 @@ def frames(
     method: str = "exact",
     occluder: VisibilityQuery | None = None,
     colors: bool = False,
+    sensor: Sensor | str | Path | None = None,
+    seed: int | np.random.SeedSequence | np.random.Generator = 0,
     **options: Any,
 ) -> Iterator[Frame]:
     """Yield a frame for each view: depth, normal, face and instance of the first hit of each pixel.
+
+    With a sensor, the depth is what it measures: with noise, limits of range and lost pixels. All else stays exact.
 
     Parameters
     ----------
@@ -178,7 +217,12 @@ def frames(
     occluder : VisibilityQuery, optional
         The prepared mesh.
     colors : bool
-        Read the mesh's base colours too.
+        Read the mesh's base colours too; of a scene, show those of its objects.
+    sensor : Sensor or str, optional
+        Depth camera, or what `zbuf_occlude.sensors.make` takes, such as ``realsense-d435``. Its numbers give size and
+        field of view, unless the cameras are of a file. World units are then metres.
+    seed : int, SeedSequence or Generator
+        Of the sensor's noise. The same seed gives the same frames, byte for byte.
     **options
         Options of the method.
 
@@ -190,9 +234,10 @@ def frames(
     Raises
     ------
     ArgumentError
-        A size or field of view out of range; no `Views`; an occluder of another mesh; `colors` that is no bool.
+        A size or field of view out of range, or beside a sensor; no `Views`; an occluder of another mesh; `colors` that
+        is no bool.
     OptionError, UnavailableError, GlError
-        As `prepare`; a method that casts no rays.
+        As `prepare`; a method that casts no rays; a sensor that is no pinhole.
 
     Warns
     -----
@@ -207,40 +252,100 @@ def frames(
     (dtype('float32'), 8)
     """
     check_views("views", views)
-    sizes = _sizes(views, width, height)
+    cameras = None if sensor is None else _cameras(make(sensor), views, width, height, fov)
+    sizes = _sizes(views, width, height) if cameras is None else _sizes_of(cameras)
     scene = mesh if isinstance(mesh, Scene) else Scene.from_mesh(as_mesh(mesh, colors=as_flag(colors, "colors")))
     find_method(method).check_first_hits()
     if occluder is not None:
         occluder.check_is_of(scene.mesh)
-    intrinsics = _intrinsics(scene, views, sizes, fov)
+    intrinsics = _intrinsics(scene, views, sizes, fov) if cameras is None else [each.intrinsics for each in cameras]
+    rng = generator(seed)
+
+    def prepared() -> Any:
+        if occluder is not None:
+            return nullcontext(occluder)
+        if cameras is not None and not scene.is_opaque_and_static:  # rays pass windows, and meet what moves in time
+            return prepare_scene(scene, method, **options)
+        return prepare(scene.mesh, method, **options)
 
     def generate() -> Iterator[Frame]:  # apart, so that wrong arguments are reported before the first frame
-        with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
-            for matrix, pose, (across, along) in zip(intrinsics, views.poses, sizes.tolist(), strict=True):
-                yield frame_at(scene, opened, matrix, pose, (along, across))
+        with prepared() as opened:
+            for view, (pose, (across, along)) in enumerate(zip(views.poses, sizes.tolist(), strict=True)):
+                frame = frame_at(scene, opened, intrinsics[view], pose, (along, across), colored=colors)
+                yield frame if cameras is None else _measured(frame, scene, opened, cameras[view], rng)
 
     return generate()
 
 
+def _cameras(sensor: Sensor, views: Views, *given: float | None) -> list[Sensor]:
+    """Return the sensor of each view; `given` are the arguments that a sensor takes the place of."""
+    check_pinhole(sensor)
+    if any(each is not None for each in given):
+        raise ArgumentError(
+            f"width, height and fov must be those of the sensor {sensor.name}. Leave them out, or change its numbers: "
+            f"sensors.make({sensor.name!r}, width=...)."
+        )
+    return [sensor.of_view(views, view) for view in range(len(views))]
+
+
+def check_pinhole(sensor: Sensor) -> None:
+    """Raise OptionError unless a sensor has the pixels of a pinhole camera."""
+    if sensor.kind != "pinhole":
+        raise OptionError(
+            f"frames must be of a pinhole camera; got the sensor {sensor.name}, of the kind {sensor.kind}. "
+            "`zbuf-occlude sensors` lists some."
+        )
+
+
+def _measured(frame: Frame, scene: Scene, occluder: VisibilityQuery, sensor: Sensor, rng: np.random.Generator) -> Frame:
+    """Return a frame with the depths that a sensor measures there."""
+    place = pose_of_camera(frame.pose)
+    returns = noiseless_scan(scene, sensor, place[:3, :3], place[:3, 3], occluder=occluder)
+    found = apply_noise(returns, sensor, rng)
+    return frame.with_depths(found.rings, found.columns, found.points)
+
+
 def frame_at(
-    scene: Scene, occluder: VisibilityQuery, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
+    scene: Scene,
+    occluder: VisibilityQuery,
+    matrix: FloatArray,
+    pose: FloatArray,
+    size: tuple[int, int],
+    *,
+    colored: bool = False,
 ) -> Frame:
-    """Return the frame of one camera, `size` (h, w) pixels; `matrix` is K, `pose` the view matrix."""
+    """Return the frame of one camera, `size` (h, w) pixels; `matrix` is K, `pose` the view matrix.
+
+    With `colored` the objects of a scene show their base colours.
+    """
     mesh, colors, eye = scene.mesh, None, -pose[:3, :3].T @ pose[:3, 3]
+    of_objects = colored and any(each.mesh.colors is not None for each in scene.placed)
     depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)
     face_ids, instances = np.full((2, *size), -1, np.int32)
-    if mesh.colors is not None:
+    if mesh.colors is not None or of_objects:
         colors = np.zeros((*size, 3), np.uint8)
     part, y, x, directions = pixel_rays(mesh.bounds, matrix, pose, size)
     if directions.size:
         hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
         filled = depth[part], face_ids[part], instances[part], normals[part]
         _fill_frame(x, y, directions, *hits, mesh.face_normals, scene.instances, *filled)
-        if mesh.colors is not None and colors is not None:
+        if colors is not None:
             hit = np.nonzero(face_ids[part] >= 0)
             faces, points = face_ids[part][hit], eye + directions[hit] * depth[part][hit][:, None]
-            colors[part][hit] = mesh.colors.at(faces, barycentric(mesh.corners[faces], points))
+            colors[part][hit] = _base_colors(scene, faces, barycentric(mesh.corners[faces], points))
     return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
+
+
+def _base_colors(scene: Scene, faces: IntArray, weights: FloatArray) -> Bytes:
+    """Return the base colours (n, 3) at barycentric coordinates (n, 3) of faces; grey for objects without colours."""
+    if scene.mesh.colors is not None:
+        return scene.mesh.colors.at(faces, weights)
+    found, owners = np.full((len(faces), 3), GREY, np.uint8), scene.instances[faces]
+    for number, each in enumerate(scene.placed):
+        if each.mesh.colors is not None:
+            mine, first = np.flatnonzero(owners == number), int(np.searchsorted(scene.instances, number))
+            found[mine] = each.mesh.colors.at(faces[mine] - first, weights[mine])
+    return found
 
 
 def pixel_rays(
@@ -336,6 +441,12 @@ def _sizes(views: Views, width: int | None, height: int | None) -> IntArray:
     return np.tile(np.array([width, height], np.int32), (len(views), 1))
 
 
+def _sizes_of(cameras: list[Sensor]) -> IntArray:
+    """Return width and height of each sensor's image, (k, 2)."""
+    found = [[each.pattern["width"], each.pattern["height"]] for each in cameras]
+    return np.array(found, np.int32).reshape(-1, 2)
+
+
 def _intrinsics(scene: Scene, views: Views, sizes: IntArray, fov: float | None) -> FloatArray:
     if views.fov_bounds is not None:
         if fov is not None:
@@ -376,9 +487,14 @@ def _tangent_around(mesh: Mesh, views: Views) -> float:
     return MARGIN * widest
 
 
-def depth_unit(farthest: float) -> float:
+def farthest(frame: Frame) -> float:
+    """Return the greatest depth that a frame has, world units; 0 where it has none."""
+    return float(frame.depth[np.isfinite(frame.depth)].max(initial=0.0))
+
+
+def depth_unit(largest: float) -> float:
     """Return the smallest power of ten of which 65,535 steps cover a depth, world units; 0.001 up to 65.5."""
-    return float(10.0 ** np.ceil(np.log10(farthest / DEPTH_LEVELS))) if farthest > 0 else 1.0
+    return float(10.0 ** np.ceil(np.log10(largest / DEPTH_LEVELS))) if largest > 0 else 1.0
 
 
 def depth_steps(depth: NDArray[np.float32], unit: float) -> NDArray[np.uint16]:
@@ -403,7 +519,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     ===================  =====================================================================================
     000.png              red, green, blue, alpha
     000.npy              (3, 4) float64, world space to eye space (x right, y up, looking along -z)
-    000_depth.png        16 bits: depth over `unit`, rounded; 0 where nothing is hit
+    000_depth.png        16 bits: depth over `unit`, rounded; 0 where there is none
     000_mask.png         8 bits: 255 or 0
     000_normal.png       8 bits: 255 (n + 1) / 2, world space; 0 where nothing is hit
     000_instance.png     16 bits: instance + 1; 0 where nothing is hit
@@ -449,7 +565,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
         )
     if unit is None:
         found = list(found)
-        unit = depth_unit(max((float(frame.depth[frame.mask].max(initial=0.0)) for frame in found), default=0.0))
+        unit = depth_unit(max(map(farthest, found), default=0.0))
     else:
         found = _check_unit(found, float(unit))
     return frame_files(folder, found, float(unit))
@@ -458,9 +574,8 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
 def _check_unit(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
     """Yield the frames; raise ArgumentError at one whose depths are all below half a unit."""
     for frame in found:
-        farthest = float(frame.depth[frame.mask].max(initial=0.0))
-        if 0.0 < farthest < unit / 2.0:
-            raise ArgumentError(f"unit must be less than the depths, here at most {farthest:g}; got {unit:g}.")
+        if 0.0 < farthest(frame) < unit / 2.0:
+            raise ArgumentError(f"unit must be less than the depths, here at most {farthest(frame):g}; got {unit:g}.")
         yield frame
 
 
@@ -471,7 +586,7 @@ def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
     folder.mkdir(parents=True, exist_ok=True)
     files = {"file_path": "", "depth_file_path": "_depth", "depth_path": "_depth", "mask_path": "_mask"}
     for number, frame in enumerate(found):
-        stem, outside = f"{number:03d}", frame.extrinsics
+        stem = f"{number:03d}"
         for name, content in _files(frame, stem, unit).items():
             (folder / name).write_bytes(content)
             names.append(name)
@@ -480,9 +595,7 @@ def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:
         lenses.append({"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": width, "h": height})
         placed.append({key: f"{stem}{end}.png" for key, end in files.items()})
         placed[-1]["transform_matrix"] = frame.camera_to_world.tolist()
-        matrices = {"K": frame.intrinsics, "R": outside[:, :3], "t": outside[:, 3]}
-        cameras.append({name: values.tolist() for name, values in matrices.items()})
-        cameras[-1] |= {"width": width, "height": height, "depth_unit": unit}
+        cameras.append({**frame.camera, "depth_unit": unit})
     one = lenses[0] if lenses and all(lens == lenses[0] for lens in lenses) else {}
     if one:
         one = {"camera_angle_x": 2.0 * np.arctan(one["w"] / (2.0 * one["fl_x"])), **one}

@@ -14,8 +14,8 @@ from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, c
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scenes.kinds import KINDS, Kind
 from zbuf_occlude.sensors.scenes.sizes import Sizes, sizes_of
+from zbuf_occlude.sensors.scenes.table import checked_table
 from zbuf_occlude.sensors.sensor import Sensor
-from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import find_method
 
 SURFACE = "surface"
@@ -48,7 +48,11 @@ class ScanConfig:
     scene : str
         A name of `zbuf_occlude.sensors.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
-        Objects of a scene from a file (`zbuf_occlude.sensors.scenes.contents.read_scene`), which has a ground.
+        Objects of a scene from a file (`zbuf_occlude.sensors.scenes.contents.read_scene`).
+    table : mapping or None
+        Table under the target, in scenes from a file and of the kind "table": size, height, albedo.
+    ground : bool
+        True where a scene from a file has a ground.
     hidden : (float, float), float, or None
         Share of the target that others hide, drawn uniformly from two bounds. None: the scene's default.
     keep : str
@@ -80,6 +84,8 @@ class ScanConfig:
     size: Sizes = field(default_factory=dict)
     scene: str = "none"
     objects: Sequence[Mapping[str, Any]] = ()
+    table: Mapping[str, Any] | None = None
+    ground: bool = True
     hidden: Sequence[float] | None = None
     keep: str = "target"
     keep_clean: bool = False
@@ -103,6 +109,8 @@ class ScanConfig:
             if not isinstance(word, str):
                 raise OptionError(f"{name} must be a word; got {shown(word)}.")
         as_flag(self.keep_clean, "keep_clean")
+        if self.scene == "table" or self.table is not None:
+            object.__setattr__(self, "table", checked_table(self.table or {}))
         check_int("least_points", self.least_points, 0)
         find_method(self.method)
         self._check_spans()
@@ -174,24 +182,19 @@ class ScanConfig:
 
     @cached_property
     def kind(self) -> Kind:
-        """The row of the scene's kind; a scene from a file is of kind "ground"."""
-        return find_row("scene", "ground" if self.scene == "file" else self.scene, KINDS)
+        """The row of the scene's kind; a scene from a file is of kind "ground", or "none" where it has no ground."""
+        of_file = "ground" if self.ground else "none"
+        return find_row("scene", of_file if self.scene == "file" else self.scene, KINDS)
+
+    @property
+    def may_hide(self) -> bool:
+        """True where objects may hide some of the target."""
+        return self.share is not None or bool(self.objects) or self.scene == "table"
 
     @property
     def takes_time(self) -> bool:
         """True where the time of a ray matters: the sensor moves, or an object does."""
         return self.motion is not None or any({"velocity", "turn"} & set(each) for each in self.objects)
-
-    def sensor_of(self, views: Views, view: int) -> Sensor:
-        """Return the sensor of a view; a pinhole takes the intrinsics and the image size of a file's camera."""
-        sensor = self.sensor
-        if views.fov_bounds is None or sensor.kind != "pinhole":
-            return sensor
-        width, height = sensor.pattern["width"], sensor.pattern["height"]
-        if views.sizes is not None:
-            width, height = views.sizes[view].tolist()
-        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(width, height)[0]
-        return sensor.with_numbers(width=width, height=height, f=fx, fy=fy, cx=cx, cy=cy)
 
     @cached_property
     def box(self) -> dict[str, Any] | None:
@@ -219,7 +222,7 @@ class ScanConfig:
     @property
     def most_objects(self) -> int:
         """Maximum number of objects in a scene."""
-        return self.kind.most + len(self.objects)
+        return self.kind.most + len(self.objects) + (self.table is not None)
 
     @property
     def height(self) -> float | None:

@@ -13,6 +13,7 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.documents import Number, parse_bool, parse_line
 from zbuf_occlude.base.errors import OptionError, check_choice
 from zbuf_occlude.sensors.rays import MOST_RAYS, PATTERNS, Rays, beside_axis, numbers_of
+from zbuf_occlude.views.model import Views
 
 RETURNS = ("first", "strongest", "last", "all")
 GRAZING_FROM = np.radians(60.0)
@@ -255,6 +256,16 @@ class Sensor:
         f = given.get("f") or width / 2.0 / np.tan(np.radians(given["fov"]) / 2.0)
         centre = given.get("cx", width / 2.0), given.get("cy", height / 2.0)
         return np.array([[f, 0.0, centre[0]], [0.0, given.get("fy", f), centre[1]], [0.0, 0.0, 1.0]])
+
+    def of_view(self, views: Views, view: int) -> "Sensor":
+        """Return the sensor of a view; a pinhole takes the intrinsics and the image size of a file's camera."""
+        if views.fov_bounds is None or self.kind != "pinhole":
+            return self
+        width, height = self.pattern["width"], self.pattern["height"]
+        if views.sizes is not None:
+            width, height = views.sizes[view].tolist()
+        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(width, height)[0]
+        return self.with_numbers(width=width, height=height, f=fx, fy=fy, cx=cx, cy=cy)
 
     @property
     def pixels(self) -> float:

@@ -32,7 +32,8 @@ _ROTATION, _TRANSLATION, _K = Number(-2.0, 2.0, shapes=((3, 3),)), Number(shapes
 _QUATERNION = Number(-np.finfo(float).max, np.finfo(float).max, shapes=((4,),))
 _TO_WORLD = Number(shapes=((3, 4), (4, 4)))
 _R_COLUMNS, _T_COLUMNS = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)], ["t1", "t2", "t3"]
-_INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _COORDINATE, "cy": _COORDINATE, "width": _SIZE, "height": _SIZE}
+INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _COORDINATE, "cy": _COORDINATE, "width": _SIZE, "height": _SIZE}
+"""Accepted values of each number of a pinhole camera."""
 _DISTORTION = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), Number())
 """Distortion parameters of transforms.json; a pinhole's are 0."""
 _FRAME_NUMBERS = {
@@ -85,7 +86,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
         found = ", ".join(columns)
         raise OptionError(
             f"{where} must have the columns azimuth,elevation[,distance]; found: {found:.200}. "
-            f"(Cameras: r11,...,r33,t1,t2,t3[,{','.join(_INTRINSICS)}].)"
+            f"(Cameras: r11,...,r33,t1,t2,t3[,{','.join(INTRINSICS)}].)"
         )
     defaults = {"azimuth": "", "elevation": "", "roll": 0.0, "distance": distance}
     given = {name: columns.get(name, [""] * len(columns["azimuth"])) for name in defaults}
@@ -139,10 +140,10 @@ def from_colmap(path: Path) -> Views:
     [5.0]
     """
     beside = path.with_name(f"cameras{path.suffix}")
-    models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
+    models = {f"camera {row[0]}": row for row in colmap_rows(beside)} if beside.exists() else {}
     if beside.exists() and not models:
         raise OptionError(f"{escape_control(str(beside))} contains no cameras. Copy it again.")
-    return _views(path, _colmap_rows(path), lambda row: _camera_from_image(row, models))
+    return _views(path, colmap_rows(path), lambda row: _camera_from_image(row, models))
 
 
 def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
@@ -176,7 +177,7 @@ def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, h
     fov_bounds = size = None
     if intrinsics is not None:
         fx, fy, cx, cy, width, height = (
-            kind.read(name, value) for (name, kind), value in zip(_INTRINSICS.items(), intrinsics, strict=True)
+            kind.read(name, value) for (name, kind), value in zip(INTRINSICS.items(), intrinsics, strict=True)
         )
         fov_bounds = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
         if has_size and width == int(width) and height == int(height) and width * height <= MOST_PIXELS:
@@ -185,18 +186,24 @@ def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, h
 
 
 def _camera_from_row(row: Mapping[str, str]) -> _Camera:
-    intrinsics = [row[name] for name in _INTRINSICS] if row.get("fx") else None
+    intrinsics = [row[name] for name in INTRINSICS] if row.get("fx") else None
     return _camera([row[name] for name in _R_COLUMNS], [row[name] for name in _T_COLUMNS], intrinsics)
 
 
 def _camera_from_object(item: Mapping[str, Any]) -> _Camera:
     intrinsics = None
     if "K" in item:
-        (fx, skew, cx), (zero, fy, cy), last = _K.read("K", item["K"])
-        if skew or zero or last != [0.0, 0.0, 1.0]:
-            raise ValueError("K must be fx 0 cx, 0 fy cy, 0 0 1, a pinhole without skew, and is not")
+        fx, fy, cx, cy = intrinsics_of_matrix("K", item["K"])
         intrinsics = [fx, fy, cx, cy, item.get("width", 2 * cx), item.get("height", 2 * cy)]
     return _camera(item["R"], item["t"], intrinsics, {"width", "height"} <= item.keys())
+
+
+def intrinsics_of_matrix(name: str, matrix: Any) -> list[float]:
+    """Return fx, fy, cx and cy of a camera matrix (3, 3); raise ValueError where it has skew."""
+    (fx, skew, cx), (zero, fy, cy), last = _K.read(name, matrix)
+    if skew or zero or last != [0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must be fx 0 cx, 0 fy cy, 0 0 1, a pinhole without skew, and is not")
+    return [fx, fy, cx, cy]
 
 
 def _camera_from_frame(frame: Mapping[str, Any]) -> _Camera:
@@ -224,20 +231,25 @@ def _camera_from_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) 
     w, x, y, z = unit_quaternions(_QUATERNION.read("the quaternion", row[1:5]))
     rotation, intrinsics = rotations_of([x, y, z, w]), None
     if models:
-        _, model, width, height, *words = models[f"camera {row[8]}"]
-        parameters = [float(word) for word in words]
-        if len(parameters) != dict(_COLMAP_MODELS).get(model, len(parameters)):
-            wanted = dict(_COLMAP_MODELS)[model]
-            raise ValueError(f"camera {row[8]} must have the {wanted} parameters of a {model}; it has {len(words)}")
-        n_focals = _FOCALS.get(model, 0)
-        if not n_focals or any(parameters[n_focals + 2 :]):
-            raise ValueError(f"camera {row[8]} is a {model} with distortion; undistort the images first")
-        *focals, cx, cy = parameters[: n_focals + 2]
-        intrinsics = [focals[0], focals[-1], cx, cy, width, height]
+        intrinsics = intrinsics_of_row(models[f"camera {row[8]}"])
     return _camera(rotation, row[5:8], intrinsics)
 
 
-def _colmap_rows(path: Path) -> list[list[Any]]:
+def intrinsics_of_row(row: Sequence[Any]) -> list[Any]:
+    """Return fx, fy, cx, cy, width and height of a camera of COLMAP; raise ValueError where it has distortion."""
+    camera, model, width, height, *words = row
+    parameters = [float(word) for word in words]
+    if len(parameters) != dict(_COLMAP_MODELS).get(model, len(parameters)):
+        wanted = dict(_COLMAP_MODELS)[model]
+        raise ValueError(f"camera {camera} must have the {wanted} parameters of a {model}; it has {len(words)}")
+    n_focals = _FOCALS.get(model, 0)
+    if not n_focals or any(parameters[n_focals + 2 :]):
+        raise ValueError(f"camera {camera} is a {model} with distortion; undistort the images first")
+    *focals, cx, cy = parameters[: n_focals + 2]
+    return [focals[0], focals[-1], cx, cy, width, height]
+
+
+def colmap_rows(path: Path) -> list[list[Any]]:
     """Return the rows of a cameras or images file, text or binary; in images.txt every second row, without the points.
 
     Raises

@@ -136,8 +136,12 @@ def grid(
     return _product(levels, n_azimuths, azimuth, distance)
 
 
-def fibonacci(n_views: int, distance: float = PAPER_DISTANCE) -> Views:
+def fibonacci(
+    n_views: int, distance: float = PAPER_DISTANCE, *, elevation: tuple[float, float] = (-90.0, 90.0)
+) -> Views:
     """Return `n_views` positions spread evenly over the sphere on a Fibonacci (golden angle) spiral.
+
+    Between two elevations, degrees, they are spread evenly over that band, the uppermost first.
 
     Examples
     --------
@@ -145,9 +149,10 @@ def fibonacci(n_views: int, distance: float = PAPER_DISTANCE) -> Views:
     Views(50 views about (0, 0, 0))
     """
     index = np.arange(_positive(n_views, "n_views"))
-    elevation = np.arcsin(1.0 - (2.0 * index + 1.0) / n_views)
+    low, high = np.sin(_band(elevation))
+    elevations = np.arcsin(high - (high - low) / 2.0 * ((2.0 * index + 1.0) / n_views))
     azimuth = (index * np.pi * (3.0 - np.sqrt(5.0))) % (2 * np.pi)
-    return Views(azimuth, elevation, np.asarray(_away(distance)))
+    return Views(azimuth, elevations, np.asarray(_away(distance)))
 
 
 def random(
@@ -312,6 +317,10 @@ def _grid(found: Sequence[Any], distance: float, seed: Seed) -> Views:
     return grid(*counts, elevation=band, azimuth=sector, distance=distance)
 
 
+def _fibonacci(found: Sequence[Any], distance: float, seed: Seed) -> Views:
+    return fibonacci(int(found[0]), distance, elevation=_numbers(found[1:], (-90.0, 90.0)))
+
+
 def _random(found: Sequence[Any], distance: float, seed: Seed) -> Views:
     band, sector = _numbers(found[1:3], (-90.0, 90.0)), _numbers(found[3:], None)
     return random(int(found[0]), elevation=band, azimuth=sector, distance=distance, seed=seed)
@@ -332,9 +341,7 @@ SPECIFICATIONS: tuple[Specification, ...] = (
         is_random=True,
     ),
     Specification("grid:ELxAZ[@EL0..EL1][,az=AZ0..AZ1]", rf"grid:{_COUNT}x{_COUNT}{_RANGE}{_SECTOR}", _grid),
-    Specification(
-        "fibonacci:N", rf"fibonacci:{_COUNT}", lambda found, distance, seed: fibonacci(int(found[0]), distance)
-    ),
+    Specification("fibonacci:N[@EL0..EL1]", rf"fibonacci:{_COUNT}{_RANGE}", _fibonacci),
     Specification("random:N[@EL0..EL1][,az=AZ0..AZ1]", rf"random:{_COUNT}{_RANGE}{_SECTOR}", _random, is_random=True),
     Specification(
         "random-so3:N",

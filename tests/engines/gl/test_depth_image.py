@@ -38,5 +38,5 @@ def test_scale_does_not_matter(gl: GlContext) -> None:
 
 
 def test_an_eye_within_the_mesh_is_refused(gl: GlContext) -> None:
-    with pytest.raises(ArgumentError, match="the eye must be outside the mesh and see all of it"):
+    with pytest.raises(ArgumentError, match="the mesh must lie in front of the camera"):
         render_depth(gl, TILTED, Views(np.zeros(1), np.array([0.3]), np.array([0.5])), 64)

@@ -16,8 +16,9 @@ from tests.studies.paper.drives import write_kitti  # noqa: E402
 from tests.studies.paper.hand_made import TINY  # noqa: E402
 from zbuf_occlude.base.errors import DatasetError, OptionError  # noqa: E402
 from zbuf_occlude.cli.experiment import experiment_named  # noqa: E402
+from zbuf_occlude.datasets.real.crops import crop_objects  # noqa: E402
 from zbuf_occlude.studies.learn.evaluation import Confusion  # noqa: E402
-from zbuf_occlude.studies.paper.design import REAL, REAL_OBJECTS, RECIPES, SIMULATED  # noqa: E402
+from zbuf_occlude.studies.paper.design import FITTED, HELD_OUT, REAL, REAL_OBJECTS, RECIPES, SIMULATED  # noqa: E402
 from zbuf_occlude.studies.paper.real_objects import CLASSES, RealObjects  # noqa: E402
 from zbuf_occlude.studies.paper.real_report import mean_recall, spearman, table_real  # noqa: E402
 from zbuf_occlude.studies.paper.results import read_results, read_study  # noqa: E402
@@ -51,6 +52,8 @@ def test_every_training_set_is_tested_on_the_objects_of_the_drive(study: Path) -
         bands = [test for name, test in result.tests.items() if name.startswith(f"{REAL_OBJECTS} ")]
         assert sum(test.counts for test in bands).tolist() == real.counts.tolist(), "the bands part the objects"
         assert result.tests[SIMULATED].n_clouds > 0
+        assert result.tests[HELD_OUT].counts.tolist() == real.counts.tolist(), "sweep 000007 is held out"
+        assert result.tests[FITTED].n_clouds == 0
     facts = read_study(study)[REAL]
     assert (sum(facts["objects"].values()), facts["sweeps"]) == (4, 1)
 
@@ -70,6 +73,21 @@ def test_training_sets_hold_what_they_say(study: Path) -> None:
     assert trucks.max() > 2.5 > people.max()
 
 
+def test_sweeps_of_the_fit_are_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sweeps: the objects of 000004, on which windows were fitted, and those of another."""
+    drive = write_kitti(tmp_path / "drive")
+    for path in list(drive.rglob("000007.*")):
+        (path.with_stem("000004")).write_bytes(path.read_bytes())
+    crop_objects(drive, tmp_path / "crops", classes={n: list(each) for n, each in CLASSES.items()}, distinct=0)
+    monkeypatch.setattr(RealObjects, "crops", tmp_path / "crops")
+    experiment = RealObjects(SMALL, tmp_path, drive)
+    fitted, held_out = experiment.tested_by_fit(True), experiment.tested_by_fit(False)
+    assert (len(fitted), len(held_out)) == (4, 4)
+    assert sorted(fitted.labels) == sorted(held_out.labels)
+    (of_fit,), (of_others,) = map(np.unique, (fitted.group_ids, held_out.group_ids))
+    assert (of_fit, of_others) == (0, 1), "in the order of the sweeps' names"
+
+
 def test_command_and_report(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", SMALL)
     done = CliRunner().invoke(experiment_named(REAL), [str(study.parent / "drive"), "--quick", "--out", str(study)])
@@ -77,7 +95,9 @@ def test_command_and_report(study: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert "## Trained on generated clouds, tested on real objects" in done.output
     assert "simulated LiDAR scans" in done.output
     assert (study / "objects.png").stat().st_size > 10_000
-    assert "By range" in write_study(study)[1].read_text(encoding="utf-8")
+    page = write_study(study)[1].read_text(encoding="utf-8")
+    assert "Objects held out: 1 car, 1 pedestrian, 1 truck, 1 van; fitted: none." in page
+    assert "By range" in page
 
 
 def test_mean_recall_counts_classes_alike() -> None:

@@ -1,5 +1,6 @@
 """Real scans: hand-made files, the published counts and folds, and the up direction."""
 
+import shutil
 from collections import Counter
 from pathlib import Path
 
@@ -234,15 +235,17 @@ SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
     [
         (LABEL, b"Car 0 0 0 1 2 3 4 five 1 1 0 0 0 0\n", "must have 15 fields per line, .* line 1 is 'Car 0 0 0"),
         (LABEL, b"Car 0 0 0 1 2 3 4 inf 1 1 0 0 0 inf\n", "from the 9th on numbers; line 1 is 'Car 0 0 0 1 2 3 4 inf"),
+        (LABEL, b"Car 0 0 0 1 2 3 4 -1.5 1 1 0 0 0 0\n", r"sides of a box must be 0 or more.* \[1\.0, 1\.0, -1\.5\]"),
         (LABEL, None, "must have its label_2/000007.txt; it is missing"),
-        ("training/velodyne/000007.bin", bytes(1001), "must be records of four float32"),
+        ("training/velodyne/000007.bin", bytes(1001), "must hold 4 float32 numbers per point; it has 1001 bytes"),
+        ("training/velodyne/000007.bin", b"", "must have points; it has none"),
         (CALIB, b"Tr_velo_to_cam: " + b"0 " * 12, "must have R0_rect; it does not"),
-        (CALIB, b"R0_rect: 1 0 0\n", r"R0_rect in .* must be \(3, 3\) numbers; it is ' 1 0 0'"),
+        (CALIB, b"R0_rect: 1 0 0\n", "R0_rect in .* must be 9 numbers; it is '1 0 0'"),
         (CALIB, b"R0_rect: " + b"0 " * 9 + b"\nTr_velo_to_cam: " + b"0 " * 12, "must be rotations"),
         (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
         (SWEEP, {"x": [1.0]}, "must have the columns x, y, z; it lacks one"),
         (SWEEP, {"x": ["far"], "y": ["far"], "z": ["far"]}, "cannot be read .could not convert string to float: 'far'"),
-        (SWEEP, None, "none of them"),
+        (SWEEP, None, "must have a car with 16 points; it has none"),
     ],
 )
 def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, tmp_path: Path) -> None:
@@ -253,6 +256,22 @@ def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, t
         (root / place).unlink()
     else:
         (root / place).write_bytes(content)
+    with pytest.raises(DatasetError, match=message):
+        read_objects(root, 1)
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("training/label_2", "training must have KITTI's folders velodyne, label_2, calib; it lacks label_2"),
+        ("training/calib", "it lacks calib"),
+        ("training/velodyne/*", "velodyne must hold a .bin file per sweep; it has none"),
+    ],
+)
+def test_what_a_drive_of_kitti_lacks_is_named(place: str, message: str, tmp_path: Path) -> None:
+    root = write_kitti(tmp_path / "drive")
+    for path in root.glob(place):
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     with pytest.raises(DatasetError, match=message):
         read_objects(root, 1)
 
@@ -268,6 +287,10 @@ def test_sweeps_and_boxes_that_say_nothing(tmp_path: Path) -> None:
     nothing = pyarrow.array([None] * len(table), pyarrow.float64())
     feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", nothing), boxes)
     with pytest.raises(DatasetError, match=r"annotations.feather must be finite numbers; that of row 0 is not"):
+        read_objects(root, 1)
+    negative = pyarrow.array([-1.0] * len(table))
+    feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", negative), boxes)
+    with pytest.raises(DatasetError, match=r"row 0 of .*sides of a box must be 0 or more"):
         read_objects(root, 1)
 
 

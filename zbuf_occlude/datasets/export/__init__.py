@@ -351,7 +351,8 @@ def check_as_they_are(plan: Plan) -> None:
     ):
         if found != wanted:
             raise OptionError(
-                f"{plan.format} must have all points as they are, {option} {wanted or 'all'}; got {found}."
+                f"{plan.format} must have all points as they are; got {option} {found}. Give {option} "
+                f"{wanted or 'all'}."
             )
 
 

@@ -263,13 +263,14 @@ def _check(
     """
     config = plan.config
     for what, option, found, wanted in (
-        ("views per object", "--views", len(plan.views), n_views),
-        ("variation", "--variations", config.variations, 1),
-        ("points per partial cloud", "--sample-size", config.sample_size, size),
+        ("views per object", "--views random:", len(plan.views), n_views),
+        ("variation", "--variations ", config.variations, 1),
+        ("points per partial cloud", "--sample-size ", config.sample_size, size),
     ):
         if wanted is not None and found != wanted:
             raise OptionError(
-                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
+                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. Give "
+                f"{option}{wanted}."
             )
     if config.n_points is None or config.n_points < n_complete:
         sampled = "a density" if config.n_points is None else f"{config.n_points:,}"

@@ -143,7 +143,7 @@ class Format:
 Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")
 _WITH_BOXES = (*ATTRIBUTES, BOXES)
 _WHOLE_SCANS = {"keep": "all", "sample_size": "all", "scale": "mesh"}
-_OF_PIXELS = {**_WHOLE_SCANS, "attributes": "normals"}
+_OF_A_CAMERA = {**_WHOLE_SCANS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"}
 
 
 def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Format:
@@ -175,8 +175,9 @@ FORMATS: tuple[Format, ...] = (
         "frames",
         "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
         "hdf5",
+        from_meshes=True,
         ragged=True,
-        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"},
+        options=_OF_A_CAMERA,
         of_views=True,
         module="export.renderings:FRAMES",
     ),
@@ -186,9 +187,29 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         from_meshes=True,
         ragged=True,
-        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=50"},
+        options={**_WHOLE_SCANS, "sensor": "pinhole:width=640,height=480,fov=50"},
         of_views=True,
         module="export.renderings:BOP",
+    ),
+    Format(
+        "organized-pcd",
+        "organised clouds of each view, NaN where nothing is measured: PCD, camera_info.yaml, cameras.json",
+        "hdf5",
+        from_meshes=True,
+        ragged=True,
+        options=_OF_A_CAMERA,
+        of_views=True,
+        module="export.renderings:ORGANIZED",
+    ),
+    Format(
+        "mcap",
+        "messages of ROS 2: PointCloud2, CameraInfo, Image of colour and depth, TF",
+        "hdf5",
+        from_meshes=True,
+        ragged=True,
+        options=_OF_A_CAMERA,
+        of_views=True,
+        module="export.renderings:MCAP",
     ),
     Format(
         "kitti",

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.extras import importing
-from zbuf_occlude.datasets.real.sweeps import LabelledBox, Loader, Sweep
+from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep, checked_sides
 from zbuf_occlude.geometry.camera import rotations_of
 
 ANNOTATIONS = "annotations.feather"
@@ -58,23 +58,33 @@ def read_argoverse(path: Path) -> Sweep:
     try:
         time = int(path.stem)
     except ValueError:
-        raise DatasetError(f"a sweep must be named TIMESTAMP.feather, in nanoseconds; {path} is not.") from None
+        raise DatasetError(
+            f"a sweep must be named TIMESTAMP.feather, in nanoseconds; {path} is not. {REMEDY}"
+        ) from None
     return _sweep_at(path.parents[2], time, np.stack([columns[name] for name in "xyz"], axis=1))
 
 
 def _sweep_at(log: Path, time: int, points: FloatArray) -> Sweep:
     annotations = _annotations(log / ANNOTATIONS, _version(log / ANNOTATIONS))
     if not len(points) and COUNTS not in annotations:
-        raise DatasetError(f"{log / ANNOTATIONS} must have the column {COUNTS} where a log has no points; it has not.")
+        raise DatasetError(
+            f"{log / ANNOTATIONS} must have the column {COUNTS} where a log has no points; it has not. {REMEDY}"
+        )
     boxes = []
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
         numbers = np.array([annotations[name][row] for name in _BOX])
         if not np.isfinite(numbers).all():
-            raise DatasetError(f"boxes in {log / ANNOTATIONS} must be finite numbers; that of row {row} is not.")
+            raise DatasetError(
+                f"boxes in {log / ANNOTATIONS} must be finite numbers; that of row {row} is not. {REMEDY}"
+            )
+        try:
+            size = checked_sides(numbers[:3])
+        except ValueError as error:
+            raise DatasetError(f"row {row} of {log / ANNOTATIONS}: {error}. {REMEDY}") from None
         rotation = _rotation(numbers[3:7], log / ANNOTATIONS)
         category, track = (str(annotations[name][row]) for name in ("category", "track_uuid"))
         n_points = int(annotations[COUNTS][row]) if COUNTS in annotations else None
-        boxes.append(LabelledBox(category, numbers[7:], rotation, numbers[:3], track, n_points))
+        boxes.append(LabelledBox(category, numbers[7:], rotation, size, track, n_points))
     return Sweep(f"{log.name}/{time}", points, boxes, _mounts(log / CALIBRATION))
 
 
@@ -82,7 +92,9 @@ def _rotation(quaternion: FloatArray, path: Path) -> FloatArray:
     """Return the rotation (3, 3) of a quaternion, w first."""
     length = float(np.linalg.norm(quaternion))
     if not 0.5 < length < 2.0:
-        raise DatasetError(f"qw, qx, qy, qz in {path} must be unit quaternions; one has the length {length:g}.")
+        raise DatasetError(
+            f"qw, qx, qy, qz in {path} must be unit quaternions; one has the length {length:g}. {REMEDY}"
+        )
     return np.asarray(rotations_of(quaternion[[1, 2, 3, 0]] / length))
 
 
@@ -105,7 +117,7 @@ def _mounts(path: Path) -> tuple[FloatArray, ...]:
         table = _table(path, ("sensor_name", *_PLACE, *_ROTATION))
         which = np.isin(table["sensor_name"].astype(str), LIDARS)
         if not which.any():
-            raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. Copy it again.")
+            raise DatasetError(f"{path} must have the place of {' and '.join(LIDARS)}; it has neither. {REMEDY}")
         rows = np.stack([table[name][which] for name in (*_PLACE, *_ROTATION)], axis=1)
     poses = []
     for row in rows:
@@ -125,7 +137,9 @@ def _table(path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()) -
         columns = {name: table[name].to_numpy() for name in names}
         return {name: np.asarray(values, None if name in _WORDS else float) for name, values in columns.items()}
     except KeyError as error:
-        raise DatasetError(f"{path} must have the columns {', '.join(names)}; it lacks one ({error}).") from None
+        raise DatasetError(
+            f"{path} must have the columns {', '.join(names)}; it lacks one ({error}). {REMEDY}"
+        ) from None
     except (ArrowException, OSError, ValueError, TypeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). Copy it again.") from None
+        raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). {REMEDY}") from None

@@ -306,7 +306,9 @@ class _Cutter:
 
         self.classes, self.least_points, self.frame = classes, least_points, frame
         self.margin, self.distinct = metres("margin", margin), metres("distinct", distinct)
-        self.ground: Ground = ground if ground is None or ground == FIT else metres("ground", ground)
+        self.ground: Ground = ground  # an array has no one answer to ==
+        if ground is not None and not (isinstance(ground, str) and ground == FIT):
+            self.ground = metres("ground", ground)
         self.low, self.high = (0.0, math.inf) if range is None else _checked_range(range)
         self.left_out = Counter[str]()
         self.seen = defaultdict[tuple[Any, ...], list[tuple[str, FloatArray]]](list)

@@ -16,7 +16,8 @@ import numpy as np
 
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError
-from zbuf_occlude.datasets.real.sweeps import LabelledBox, Loader, Sweep
+from zbuf_occlude.datasets.cloud_files import read_points
+from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep, checked_sides
 
 FOLDERS = ("velodyne", "label_2", "calib")
 NOT_AN_OBJECT = "DontCare"
@@ -25,10 +26,18 @@ _N_FIELDS = 15
 
 
 def find(root: Path) -> list[Loader]:
-    """Return a loader for each file of points."""
+    """Return a loader for each file of points; raises DatasetError where there is none, or a folder is missing."""
     for folder in (root, root / "training"):
-        if all((folder / name).is_dir() for name in FOLDERS):
-            return [partial(read_kitti, path) for path in sorted((folder / "velodyne").glob("*.bin"))]
+        missing = [name for name in FOLDERS if not (folder / name).is_dir()]
+        if len(missing) == len(FOLDERS):
+            continue
+        if missing:
+            raise DatasetError(
+                f"{folder} must have KITTI's folders {', '.join(FOLDERS)}; it lacks {', '.join(missing)}. {REMEDY}"
+            )
+        if not (files := sorted((folder / "velodyne").glob("*.bin"))):
+            raise DatasetError(f"{folder / 'velodyne'} must hold a .bin file per sweep; it has none. {REMEDY}")
+        return [partial(read_kitti, path) for path in files]
     return []
 
 
@@ -38,10 +47,8 @@ def read_kitti(path: Path) -> Sweep:
     label, calibration = (folder / name / f"{path.stem}.txt" for name in FOLDERS[1:])
     for file in (label, calibration):
         if not file.is_file():
-            raise DatasetError(f"{path} must have its {file.parent.name}/{file.name}; it is missing. Unpack it there.")
-    if path.stat().st_size % 16:
-        raise DatasetError(f"{path} must be records of four float32; it has {path.stat().st_size} bytes. Unpack again.")
-    points = np.fromfile(path, "<f4").reshape(-1, 4)[:, :3].astype(np.float64)
+            raise DatasetError(f"{path} must have its {file.parent.name}/{file.name}; it is missing. {REMEDY}")
+    points = read_points(path)
     to_points = np.asarray(np.linalg.inv(_to_camera(calibration)), dtype=np.float64)
     return Sweep(path.stem, points, _boxes(label, to_points))
 
@@ -54,17 +61,19 @@ def _boxes(path: Path, to_points: FloatArray) -> list[LabelledBox]:
             continue
         try:
             height, width, length, x, y, z, turned = np.array(fields[8:_N_FIELDS], dtype=np.float64)
-            if not np.isfinite([height, width, length, x, y, z, turned]).all():
-                raise ValueError
-        except ValueError:
+            size = checked_sides([length, width, height])
+            if not np.isfinite([x, y, z, turned]).all():
+                raise ValueError("a place must be finite numbers")
+        except ValueError as error:
             raise DatasetError(
-                f"{path} must have {_N_FIELDS} fields per line, from the 9th on numbers; line {number} is {line!r:.60}."
+                f"{path} must have {_N_FIELDS} fields per line, from the 9th on numbers; line {number} is {line!r:.60} "
+                f"({error}). {REMEDY}"
             ) from None
         along = np.array([np.cos(turned), 0.0, -np.sin(turned)])
         up = np.array([0.0, -1.0, 0.0])
         axes = to_points[:3, :3] @ np.stack([along, np.cross(up, along), up], axis=1)
         centre = to_points @ [x, y - height / 2.0, z, 1.0]
-        boxes.append(LabelledBox(fields[0], centre[:3], axes, np.array([length, width, height])))
+        boxes.append(LabelledBox(fields[0], centre[:3], axes, size))
     return boxes
 
 
@@ -78,7 +87,10 @@ def _to_camera(path: Path) -> FloatArray:
             try:
                 values = np.array(numbers.split(), dtype=np.float64).reshape(shapes[name])
             except ValueError:
-                raise DatasetError(f"{name} in {path} must be {shapes[name]} numbers; it is {numbers!r:.60}.") from None
+                wanted = np.prod(shapes[name])
+                raise DatasetError(
+                    f"{name} in {path} must be {wanted} numbers; it is {numbers.strip()!r:.60}. {REMEDY}"
+                ) from None
             found[name] = np.eye(4)
             found[name][:3, : values.shape[1]] = values
     if missing := [name for name in shapes if name not in found]:
@@ -86,5 +98,5 @@ def _to_camera(path: Path) -> FloatArray:
     with np.errstate(all="ignore"):  # the result is checked below
         matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 0.5:
-        raise DatasetError(f"R0_rect and Tr_velo_to_cam in {path} must be rotations; they are not. Unpack it again.")
+        raise DatasetError(f"R0_rect and Tr_velo_to_cam in {path} must be rotations; they are not. {REMEDY}")
     return matrix

@@ -22,7 +22,7 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.atomic import reading
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_files import read_points
-from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep
+from zbuf_occlude.datasets.real.sweeps import REMEDY, LabelledBox, Loader, Sweep, checked_sides
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
 
 Rows = dict[str, dict[str, Any]]
@@ -32,31 +32,57 @@ TABLES = ("sample_data", "sensor", "calibrated_sensor", "ego_pose", "instance", 
 
 
 def find(root: Path) -> list[Loader]:
-    """Return a loader for each key frame of the LiDAR; a root holds the tables, or the folder that does."""
+    """Return a loader for each key frame of the LiDAR; a root holds the tables, or the folder that does.
+
+    Raises DatasetError where a table is damaged, or there is no such frame.
+    """
     files = sorted(path for depth in ("", "*/") for path in root.glob(f"{depth}sample_annotation.json"))
     return [loader for file in files for loader in _key_frames(file)]
 
 
 def _key_frames(file: Path) -> list[Loader]:
-    tables = {name: _rows(file.with_name(f"{name}.json")) for name in TABLES}
-    with reading(file.with_name("instance.json"), REMEDY):
-        categories, instances = tables["category"], tables["instance"].values()
-        category_of = {row["token"]: categories[row["category_token"]]["name"] for row in instances}
+    tables = {name: _rows(_of(file, name)) for name in TABLES}
+
+    def row_of(name: str, token: str, named_by: str) -> dict[str, Any]:
+        """Return the row of a token that another table names; raise DatasetError where it is missing."""
+        if token not in tables[name]:
+            raise DatasetError(
+                f"{_of(file, name)} must have the row {token!r:.60} that {named_by}.json names; it has not. {REMEDY}"
+            )
+        return tables[name][token]
+
+    with reading(_of(file, "category"), REMEDY):
+        names = {token: row["name"] for token, row in tables["category"].items()}
+    with reading(_of(file, "instance"), REMEDY):
+        categories = {token: row["category_token"] for token, row in tables["instance"].items()}
     annotations = defaultdict(list)
     for row in _rows(file).values():
         with reading(file, REMEDY):
-            annotations[row["sample_token"]].append({**row, "category": category_of[row["instance_token"]]})
+            instance = row_of("instance", row["instance_token"], file.stem)["token"]
+            category = row_of("category", categories[instance], "instance")["token"]
+            annotations[row["sample_token"]].append({**row, "category": names[category]})
     loaders: list[Loader] = []
-    data = file.with_name("sample_data.json")
-    with reading(data, REMEDY):
-        for row in tables["sample_data"].values():
-            mount = tables["calibrated_sensor"][row["calibrated_sensor_token"]]
-            if row["is_key_frame"] and tables["sensor"][mount["sensor_token"]]["channel"] == CHANNEL:
-                car, rows = tables["ego_pose"][row["ego_pose_token"]], annotations[row["sample_token"]]
-                places = [root / row["filename"] for root in (file.parent, file.parent.parent)]
-                cloud = next((place for place in places if place.exists()), places[-1])
-                loaders.append(partial(_read, cloud, file, mount, car, rows))
+    for row in tables["sample_data"].values():
+        with reading(_of(file, "sample_data"), REMEDY):
+            mount = row_of("calibrated_sensor", row["calibrated_sensor_token"], "sample_data")
+            is_key_frame, sample = row["is_key_frame"], row["sample_token"]
+            car = row_of("ego_pose", row["ego_pose_token"], "sample_data") if is_key_frame else {}
+            places = [root / row["filename"] for root in (file.parent, file.parent.parent)]
+        with reading(_of(file, "calibrated_sensor"), REMEDY):
+            sensor = row_of("sensor", mount["sensor_token"], "calibrated_sensor")
+        with reading(_of(file, "sensor"), REMEDY):
+            is_of_lidar = sensor["channel"] == CHANNEL
+        if is_key_frame and is_of_lidar:
+            cloud = next((place for place in places if place.exists()), places[-1])
+            loaders.append(partial(_read, cloud, file, mount, car, annotations[sample]))
+    if not loaders:
+        raise DatasetError(f"{_of(file, 'sample_data')} must have a key frame of {CHANNEL}; it has none. {REMEDY}")
     return loaders
+
+
+def _of(file: Path, name: str) -> Path:
+    """Return the file of another table, given that of the annotations."""
+    return file.with_name(f"{name}.json")
 
 
 def _rows(path: Path) -> Rows:
@@ -67,9 +93,13 @@ def _rows(path: Path) -> Rows:
 
 def _read(cloud: Path, file: Path, mount: dict[str, Any], car: dict[str, Any], rows: list[dict[str, Any]]) -> Sweep:
     if not cloud.exists():
-        raise DatasetError(f"{cloud} must be there, as {file.with_name('sample_data.json')} says; it is missing.")
+        raise DatasetError(f"{cloud} must be there, as {_of(file, 'sample_data')} says; it is missing.")
+    with reading(_of(file, "ego_pose"), REMEDY):
+        of_car = _pose(car)
+    with reading(_of(file, "calibrated_sensor"), REMEDY):
+        of_lidar = of_car @ _pose(mount)
     with reading(file, REMEDY):
-        to_lidar = np.asarray(np.linalg.inv(_pose(car) @ _pose(mount)), np.float64)
+        to_lidar = np.asarray(np.linalg.inv(of_lidar), np.float64)
         boxes = [_box(row, to_lidar) for row in rows]
     return Sweep(cloud.name.partition(".")[0], read_points(cloud), boxes)
 
@@ -87,7 +117,5 @@ def _pose(row: dict[str, Any]) -> FloatArray:
 def _box(row: dict[str, Any], to_lidar: FloatArray) -> LabelledBox:
     pose = to_lidar @ _pose(row)
     width, length, height = (float(side) for side in row["size"])
-    if not np.isfinite([width, length, height]).all():
-        raise ValueError("a size must be three finite numbers")
-    size = np.array([length, width, height])
+    size = checked_sides([length, width, height])
     return LabelledBox(str(row["category"]), pose[:3, 3], pose[:3, :3], size, str(row["instance_token"]))

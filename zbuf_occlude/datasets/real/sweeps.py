@@ -4,7 +4,7 @@ A layout is a row of `LAYOUTS` and a file of this folder with `find(root)`: it r
 folder, none for a folder of another layout.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -48,6 +48,14 @@ class Sweep(NamedTuple):
     def middle(self) -> FloatArray:
         """Middle (3,) of the LiDARs in the frame of the points."""
         return np.mean([mount[:3, 3] for mount in self.mounts], axis=0)
+
+
+def checked_sides(sides: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the sides (3,) of a box; raise ValueError where one is negative or not finite."""
+    found = np.asarray(sides, dtype=np.float64)
+    if not (found >= 0.0).all() or not np.isfinite(found).all():
+        raise ValueError(f"the sides of a box must be 0 or more, and finite; they are {found.tolist()}")
+    return found
 
 
 Loader = Callable[[], Sweep]

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.base.documents import Number, parse_bool, parse_document, parse_line, read_limited
 from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError, check_choice, escape_control
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.meshes.shapes import ROAD_USERS, make, road_user
+from zbuf_occlude.sensors.scenes.kinds import SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, moved
 from zbuf_occlude.sensors.scenes.sizes import LEAST, MOST, SIZES, Sizes, normalize_label, size_beside
+from zbuf_occlude.sensors.scenes.table import checked_table, footprint, put_at_rest
 
-FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
+FORM = '{"table": {"size": [x, y]}, "objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
 NUMBERS = {
     "position": Number(-1e6, 1e6, "metres", ((3,),)),
     "yaw": Number(-3600.0, 3600.0, "degrees"),
@@ -25,19 +27,24 @@ NUMBERS = {
     "albedo": Number(0.0, 1.0),
     "velocity": Number(-1e3, 1e3, "metres a second", ((3,),)),
     "turn": Number(-1e4, 1e4, "degrees a second"),
+    "count": Number(1, 100, whole=True),
 }
-KNOWN = ("mesh", "class", "up", *NUMBERS)
+KNOWN = ("mesh", "class", "up", "unit", *NUMBERS)
 
 MOST_OBJECTS = 24
 """Maximum objects of a collection in a pool: a worker loads each once."""
 MOST_FACES = 30_000
 """Maximum faces of an object in a pool."""
-MOST_METRES = {"street": 7.0, "room": 2.2}
+MOST_METRES = {"street": 7.0, "room": 2.2, "table": 0.4}
 """Maximum longest side of an object in a scene's pool."""
 BELONGING = {
     "street": (
         *("bicycle", "bus", "car", "motorbike", "motorcycle", "pedestrian", "person", "tractor", "trailer", "truck"),
         "van",
+    ),
+    "table": (
+        *("bottle", "bowl", "camera", "can", "cap", "cup", "helmet", "jar", "mug", "radio", "remote", "remote_control"),
+        *("telephone", "vase"),
     ),
     "room": (
         *("ashcan", "basket", "bed", "bench", "bookcase", "bookshelf", "cabinet", "chair", "couch", "desk"),
@@ -46,29 +53,33 @@ BELONGING = {
         *("wardrobe", "washer"),
     ),
 }
-"""Classes of a collection that fit into a scene: road users, furniture."""
+"""Classes of a collection that fit into a scene: road users, things on a table, furniture."""
 BUILT_IN = {
     "street": {"car": 4, "pedestrian": 1, "bicycle": 1, "motorcycle": 1},
+    "table": {"bottle": 3},
     "room": {"bed": 1, "bookshelf": 2, "chair": 3, "lamp": 2, "table": 2},
 }
 """Number of built-in objects of each class that the collection lacks."""
 
 
-def read_scene(path: Path) -> list[dict[str, Any]]:
+def read_scene(path: Path) -> dict[str, Any]:
     """Read and check a scene's file.
 
     Parameters
     ----------
     path : Path
         ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
-        also with albedo, velocity and turn as of `Placed`. Only mesh and position are required; an object whose class
-        is a built-in road user needs no mesh. A position is that of the centre of the object's base, metres from the
-        centre of the target's base. Paths are relative to the JSON's folder.
+        also with albedo, velocity and turn as of `Placed`, up, unit instead of size, and count. Only mesh and position
+        are required; an object whose class is a built-in road user needs no mesh. A position is that of the centre of
+        the object's base, metres from the centre of the target's base. Paths are relative to the JSON's folder.
+        Beside the objects ``{"table": {"size": [x, y], "height": metres, "albedo": ...}, "ground": false}``: a table
+        under the target, and no ground. On a table, objects without a position come to rest at random.
 
     Returns
     -------
-    list of dict
-        Plain data with absolute paths, as a plan stores it.
+    dict
+        The fields objects, table and ground of a `ScanConfig`: plain data with absolute paths, as a plan stores it. An
+        object of a count is in it as often.
 
     Raises
     ------
@@ -76,35 +87,49 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
         The file cannot be read, or is no scene; the message says what is wrong.
     """
     document, where = parse_document("JSON", read_limited(path), path), escape_control(str(path))
-    objects = document.get("objects") if isinstance(document, dict) else None
-    if not isinstance(objects, list):
+    if not isinstance(document, dict) or not isinstance(
+        document.get("objects", [] if "table" in document else None), list
+    ):
         raise OptionError(f"{where} must be {FORM}; it has no list of objects.")
-    found = []
-    for given in objects:
+    found, number = list[dict[str, Any]](), 0
+    try:
+        for name in document:
+            check_choice("a key of a scene", name, ("objects", "table", "ground"))
+        table = None if document.get("table") is None else checked_table(document["table"])
+        ground = parse_bool("ground", document.get("ground", True))
+    except OptionError as error:
+        raise OptionError(f"{where}: {error}") from None
+    for number, given in enumerate(document.get("objects", [])):
         try:
-            found.append(_checked(given, path.parent))
+            each = _checked(given, path.parent, rests=table is not None)
         except OptionError as error:
-            raise OptionError(f"{where}: object {len(found)}: {error}") from None
-    return found
+            raise OptionError(f"{where}: object {number}: {error}") from None
+        found += [each] * each.pop("count", 1)
+    return {"objects": found, "table": table, "ground": ground}
 
 
-def _checked(given: Any, folder: Path) -> dict[str, Any]:
+def _checked(given: Any, folder: Path, *, rests: bool) -> dict[str, Any]:
+    """Return an object of a scene's file; with `rests` it may be without a position."""
     builtin = isinstance(given, dict) and "mesh" not in given and str(given.get("class")) in ROAD_USERS
     if isinstance(given, dict) and "mesh" not in given and not builtin and "class" in given:
         raise OptionError(
             f"an object must have a mesh, unless its class is {', '.join(ROAD_USERS)} (in small letters); got the "
             f"class {given['class']!r:.40}. Give a mesh."
         )
-    if not isinstance(given, dict) or "position" not in given or not (builtin or "mesh" in given):
+    if not isinstance(given, dict) or not (rests or "position" in given) or not (builtin or "mesh" in given):
         raise OptionError(
-            f"a scene must be {FORM}; it has no mesh or position. Only a {', '.join(ROAD_USERS)} needs no mesh."
+            f"a scene must be {FORM}; it has no mesh or position. Only a {', '.join(ROAD_USERS)} needs no mesh, and "
+            "only an object on a table no position."
         )
     for name in given:
         check_choice("a key of an object", name, KNOWN)
     found = {
         name: (NUMBERS[name].read if name in NUMBERS else parse_line)(name, value) for name, value in given.items()
     }
-    check_frame(found.get("up"), None)
+    check_frame(found.get("up"), found.get("unit"))
+    if {"unit", "size"} <= set(found) or ("count" in found and "position" in found):
+        both = "unit and size" if "unit" in found else "count and position"
+        raise OptionError(f"an object must have one of {both}; it has both. Leave one out.")
     found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
     if builtin:
         return found
@@ -123,7 +148,10 @@ def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[
         A mesh cannot be used.
     """
     return [
-        {**each, "sha256": load_mesh(each["mesh"], up=each.get("up"), colors=colors).origin.sha256}
+        {
+            **each,
+            "sha256": load_mesh(each["mesh"], up=each.get("up"), unit=each.get("unit"), colors=colors).origin.sha256,
+        }
         if "mesh" in each
         else each
         for each in objects
@@ -131,9 +159,9 @@ def with_checksums(objects: list[dict[str, Any]], *, colors: bool) -> list[dict[
 
 
 def placed_of(
-    objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
+    objects: Sequence[Mapping[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
 ) -> list[Placed]:
-    """Load and place a scene's meshes; `transparent` is as of a `ScanConfig`.
+    """Load and place the meshes of a scene that have a position; `transparent` is as of a `ScanConfig`.
 
     Raises
     ------
@@ -143,24 +171,61 @@ def placed_of(
         A mesh differs from its checksum (`with_checksums`).
     """
     placed = []
-    for given in objects:
-        label = str(given.get("class", Path(given.get("mesh", "")).stem))
-        if "mesh" in given:
-            loaded = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent))
-            if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
-                raise DatasetError(
-                    f"{given['mesh']} changed since the scene was read (sha256 {given['sha256'][:12]}..., now "
-                    f"{loaded.origin.sha256[:12]}...). Restore it, or generate all clouds again with --overwrite."
-                )
-            mesh = loaded.transparent(transparent or {})
-        else:
-            mesh = road_user(label)
-        size = given.get("size", mesh.longest_side)
-        x, y, z = given["position"]
+    for given in filter(_has_position, objects):
+        (x, y, z), (mesh, label) = given["position"], _loaded(given, transparent or {})
         pose = moved(yaw=given.get("yaw", 0.0), to=(x, y, z + floor))
-        motion = {name: given[name] for name in ("velocity", "turn") if name in given}
-        placed.append(Placed(on_ground(mesh, size), label, pose, given.get("albedo"), **motion))
+        placed.append(Placed(mesh, label, pose, **_further(given)))
     return placed
+
+
+def at_rest_of(
+    objects: Sequence[Mapping[str, Any]],
+    request: SceneRequest,
+    placed: Sequence[Placed],
+    rng: np.random.Generator,
+    transparent: Mapping[str, float | None],
+) -> list[Placed]:
+    """Load the meshes of a scene without a position, and put them on its table, beside the target and those `placed`.
+
+    Raises
+    ------
+    MeshError, DatasetError
+        As `placed_of`; an object has no stable pose, or no place is free.
+    """
+    if request.table is None:
+        return []
+    occupied = [footprint(each.vertices) for each in (request.target, *placed)]
+    found = []
+    for given in objects:
+        if not _has_position(given):
+            mesh, label = _loaded(given, transparent)
+            place = request.table["size"], request.floor
+            found.append(put_at_rest(mesh, label, *place, occupied, rng, **_further(given)))
+    return found
+
+
+def _has_position(given: Mapping[str, Any]) -> bool:
+    return "position" in given
+
+
+def _further(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: given[name] for name in ("albedo", "velocity", "turn") if name in given}
+
+
+def _loaded(given: Mapping[str, Any], transparent: Mapping[str, float | None]) -> tuple[Mesh, str]:
+    """Return an object of a scene's file: a mesh that stands on z = 0, in metres, and its class."""
+    label = str(given.get("class", Path(given.get("mesh", "")).stem))
+    if "mesh" not in given:
+        mesh = road_user(label)
+        return on_ground(mesh, given.get("size", mesh.longest_side)), label
+    loaded = load_mesh(given["mesh"], up=given.get("up"), unit=given.get("unit"), colors=bool(transparent))
+    if given.get("sha256", loaded.origin.sha256) != loaded.origin.sha256:
+        raise DatasetError(
+            f"{given['mesh']} changed since the scene was read (sha256 {given['sha256'][:12]}..., now "
+            f"{loaded.origin.sha256[:12]}...). Restore it, or generate all clouds again with --overwrite."
+        )
+    mesh = loaded.transparent(transparent)
+    return on_ground(mesh, given.get("size", mesh.longest_side)), label
 
 
 def on_ground(mesh: Mesh, size: float) -> Mesh:

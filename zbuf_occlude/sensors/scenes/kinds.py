@@ -1,17 +1,20 @@
 """The kinds of scenes: objects drawn from a seed around a target, which hide a stated share of it."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.sampling import SurfacePoints
-from zbuf_occlude.sensors.scenes.scene import Placed, moved, upright_pose
+from zbuf_occlude.sensors.scenes.scene import Placed, Scene, moved, upright_pose
+from zbuf_occlude.sensors.scenes.table import footprint, put_at_rest
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -21,6 +24,9 @@ STREET_OBJECTS = 20
 STREET_POLES = 5
 STREET_DRAWN = STREET_OBJECTS + STREET_POLES
 ROOM_OBJECTS = 6
+TABLE_OBJECTS = 5
+TABLE_THICKNESS, TABLE_LEG = 0.03, 0.05
+"""Thickness of a table's top and side of its legs, metres."""
 TOLERANCE = 0.02
 """Tolerance of the hidden share about the range asked for."""
 TRIES = 4
@@ -56,6 +62,8 @@ class SceneRequest:
         Bounds of the share of these points that others hide.
     pool : callable
         Returns an object for a number in [0, 1): a mesh that stands on z = 0, in metres, and its class.
+    table : mapping or None
+        Size, height and albedo of the table that the target is on (`table.checked_table`); None: it is on the ground.
     """
 
     target: Placed
@@ -64,6 +72,7 @@ class SceneRequest:
     positions: FloatArray
     share: Sequence[float] | None
     pool: Callable[[float], tuple[Mesh, str]]
+    table: Mapping[str, Any] | None = None
 
 
 class SceneLayout(NamedTuple):
@@ -74,13 +83,24 @@ class SceneLayout(NamedTuple):
 
 
 def none(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
-    """Return the target alone."""
-    return SceneLayout([request.target])
+    """Return the target alone, or on its table."""
+    return SceneLayout([request.target, *_table(request)])
 
 
 def ground(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
-    """Return the target on a plane."""
-    return SceneLayout([request.target, _ground(request)])
+    """Return the target on a plane, or on its table there."""
+    return SceneLayout([request.target, _ground(request), *_table(request)])
+
+
+def table(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+    """Return the target on a table, among objects at rest; those that find no place are left out."""
+    assert request.table is not None
+    placed, occupied = ground(request, rng).placed, [footprint(request.target.vertices)]
+    for _ in range(TABLE_OBJECTS):
+        mesh, label = request.pool(rng.random())
+        with suppress(MeshError):
+            placed.append(put_at_rest(mesh, label, request.table["size"], request.floor, occupied, rng))
+    return SceneLayout(placed)
 
 
 def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
@@ -163,6 +183,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("ground", "the target on a plane", ground, 1.73, most=2),
     Kind("street", "ground, road users, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
     Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
+    Kind("table", "a table on the ground, objects at rest on it", table, 1.73, most=2 + TABLE_OBJECTS),
 )
 """The kinds of scenes. The LiDAR's height is that of the HDL-64E on KITTI's car; in a room it is assumed."""
 
@@ -235,7 +256,18 @@ def _radius(positions: FloatArray) -> float:
 
 
 def _ground(request: SceneRequest) -> Placed:
-    return Placed(plate_mesh(GROUND_HALF), "ground", moved(to=(0.0, 0.0, request.floor)), is_background=True)
+    below = request.floor - (0.0 if request.table is None else request.table["height"])
+    return Placed(plate_mesh(GROUND_HALF), "ground", moved(to=(0.0, 0.0, below)), is_background=True)
+
+
+def _table(request: SceneRequest) -> list[Placed]:
+    """Return the table that the target is on; nothing where there is none."""
+    if request.table is None:
+        return []
+    (length, width), height = request.table["size"], request.table["height"]
+    mesh = table_mesh(length, width, height)
+    pose = moved(to=(0.0, 0.0, request.floor - height))
+    return [Placed(mesh, "table", pose, request.table.get("albedo"), is_background=True)]
 
 
 def _frame(request: SceneRequest) -> tuple[FloatArray, FloatArray]:
@@ -309,6 +341,19 @@ def box_mesh(length: float, width: float, height: float) -> Mesh:
     """Return a box that stands on z = 0, its length along x."""
     faces = [face for a, b, c, d in _SIDES for face in ([a, b, c], [a, c, d])]
     return Mesh(_CORNERS * [length, width, height], np.array(faces), "box")
+
+
+@lru_cache(16)
+def table_mesh(length: float, width: float, height: float) -> Mesh:
+    """Return a table that stands on z = 0: a top, `height` above it, and four legs."""
+    thickness = min(TABLE_THICKNESS, height / 2.0)
+    leg = min(TABLE_LEG, length / 4.0, width / 4.0)
+    parts = [Placed(box_mesh(length, width, thickness), pose=moved(to=(0.0, 0.0, height - thickness)))]
+    x, y = (length - leg) / 2.0, (width - leg) / 2.0
+    for at in ((x, y), (-x, y), (-x, -y), (x, -y)):
+        parts.append(Placed(box_mesh(leg, leg, height - thickness), pose=moved(to=(*at, 0.0))))
+    whole = Scene.joined(parts).mesh
+    return Mesh(whole.vertices, whole.faces, "table")
 
 
 @lru_cache(16)

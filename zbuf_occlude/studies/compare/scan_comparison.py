@@ -496,7 +496,8 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     pictures = [Picture(f"scan_{i}", as_png(draw_cases(each)), verbatim(each.name)) for i, each in enumerate(found)]
     sections: list[Section] = [_table_of_scans(found), *pictures, _table_by_incidence(found), _table_by_range(found)]
     answers = [
-        f"Mean agreement with **{verbatim(sensor.name)}** over {len(known)} scans: {format_number(mean, '.1%')} of the "
+        f"Mean agreement with **{verbatim(sensor.name)}** ({len(known)} of {len(found)} scans): "
+        f"{format_number(mean, '.1%')} of the "
         "vertices predicted or scanned are both.",
         f"The mesh hides {hidden:.2%} of the real points.",
     ]

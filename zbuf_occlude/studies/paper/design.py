@@ -87,8 +87,10 @@ RECIPES = (
     (LIDAR, DRIVE, "metres"),
 )
 """Training sets with the azimuths of the scans, and the scale of the clouds."""
-REAL_OBJECTS, SIMULATED = "real-objects", "simulated"
-"""Tests of `REAL`."""
+REAL_OBJECTS, HELD_OUT, FITTED, SIMULATED = "real-objects", "held-out-objects", "fitted-objects", "simulated"
+"""Tests of `REAL`: all real objects, those of sweeps on which nothing was fitted, the others, and simulated scans."""
+FITTED_ON = ("000004", "000006", "000008", "000010")
+"""KITTI's sweeps on which the windows of vehicles were fitted (docs/real_drives.md); all others are held out."""
 
 FEWEST_OBJECTS = 5
 """Minimum objects per class where objects are held out: three to train, one to validate, one to test."""

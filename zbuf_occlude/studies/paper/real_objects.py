@@ -19,6 +19,7 @@ from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.real.crops import crop_objects
+from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes import traffic
@@ -32,6 +33,9 @@ from zbuf_occlude.studies.paper.design import (
     COMPLETE_AND_OCCLUDED,
     COMPLETE_AND_SCANS,
     DRIVE,
+    FITTED,
+    FITTED_ON,
+    HELD_OUT,
     LIDAR,
     OCCLUDED,
     REAL,
@@ -164,6 +168,12 @@ class RealObjects(Experiment):
         ranges = np.asarray(clouds.ranges)
         return clouds.subset((ranges >= low) & (ranges < high))
 
+    def tested_by_fit(self, fitted: bool) -> CloudSet:
+        """Return the real objects of the sweeps that are in `FITTED_ON`, or of the others."""
+        clouds = self.tested()
+        names = np.array(sorted(set(open_dataset(self.crops).origins)))  # sweeps, in the order of their group ids
+        return clouds.subset(np.isin(names[clouds.group_ids], FITTED_ON) == fitted)
+
     def trials(self) -> list[Trial]:
         """Return the trials of `RECIPES`, ordered by seed."""
         return [
@@ -182,7 +192,8 @@ class RealObjects(Experiment):
 
     def _tests(self) -> dict[str, Callable[[], CloudSet]]:
         by_range = {f"{REAL_OBJECTS} {low:g}-{high:g} m": partial(self.tested, low, high) for low, high in BANDS}
-        return {REAL_OBJECTS: self.tested, SIMULATED: partial(self.simulated, "test"), **by_range}
+        by_fit = {FITTED: partial(self.tested_by_fit, True), HELD_OUT: partial(self.tested_by_fit, False)}
+        return {REAL_OBJECTS: self.tested, SIMULATED: partial(self.simulated, "test"), **by_range, **by_fit}
 
     def notes(self) -> dict[str, Any]:
         """Return facts about the test for the report."""

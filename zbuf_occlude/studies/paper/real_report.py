@@ -16,6 +16,9 @@ from zbuf_occlude.studies.paper.design import (
     COMPLETE_AND_OCCLUDED,
     COMPLETE_AND_SCANS,
     DRIVE,
+    FITTED,
+    FITTED_ON,
+    HELD_OUT,
     LIDAR,
     OCCLUDED,
     REAL,
@@ -34,6 +37,7 @@ WORDS = {
     COMPLETE_AND_SCANS: "complete clouds and scans",
 }
 AZIMUTHS = {ALL_AROUND: "all", DRIVE: "of traffic"}
+MEASURES = ("accuracy", "mean recall")
 MAIN_CLASSES = ("car", "pedestrian", "cyclist")
 """Classes of which every drive has some."""
 
@@ -91,6 +95,31 @@ def table_real(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
     header = ["model", "trained on", "azimuths of scans", "scale", "accuracy", "mean recall"]
     header += [f"mean recall of {', '.join(MAIN_CLASSES)}", "simulated scans: mean recall"]
     return Table("Trained on generated clouds, tested on real objects", header, body, note, texts=range(4))
+
+
+def table_by_fit(results: Sequence[Result]) -> Table:
+    """Return the table of each model and training set on objects of sweeps held out from fitting, and on the others."""
+    mine, body = select_results(results, REAL), []
+    for model in models_of(mine, REAL):
+        for place, recipe in enumerate(recipes_of(mine)):
+            row: list[str] = ["" if place else printed(model), recipe_in_words(recipe)]
+            for test in (HELD_OUT, FITTED):
+                found = [each.tests[test] for each in rows_of(mine, model, recipe)]
+                row.append(percent([test.accuracy for test in found]))
+                row.append(percent([mean_recall(test, MAIN_CLASSES) for test in found]))
+            body.append(row)
+    said = []
+    for test, words in ((HELD_OUT, "held out"), (FITTED, "fitted")):
+        truth, counts = mine[0].tests[test].truth, mine[0].tests[test].counts.sum(axis=1).tolist()
+        said.append(
+            f"{words}: {', '.join(f'{n} {name}' for n, name in zip(counts, truth, strict=True) if n) or 'none'}"
+        )
+    note = (
+        f"Percent. Mean recall is that of {', '.join(MAIN_CLASSES)}. The windows of simulated vehicles were fitted on "
+        f"KITTI's sweeps {', '.join(FITTED_ON)}; all others are held out. Objects {'; '.join(said)}."
+    )
+    header = ["model", "training set", *(f"{what}, {where}" for where in ("held out", "fitted") for what in MEASURES)]
+    return Table("Sweeps held out from fitting", header, body, note, texts=range(2))
 
 
 def agreement(results: Sequence[Result]) -> str:

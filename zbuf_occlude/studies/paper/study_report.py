@@ -54,7 +54,7 @@ from zbuf_occlude.studies.paper.design import (
     paper_name,
     printed,
 )
-from zbuf_occlude.studies.paper.real_report import plot_confusions, table_by_range, table_real
+from zbuf_occlude.studies.paper.real_report import plot_confusions, table_by_fit, table_by_range, table_real
 from zbuf_occlude.studies.paper.results import (
     AREAS,
     NONE,
@@ -138,7 +138,8 @@ def write_study(folder: Path) -> list[Path]:
         sections += [table_realism(results, study["realism"]), table_of_clouds(study["realism"])]
     if select_results(results, REAL):
         sections += [table_real(results, study[REAL]), captioned(REAL, as_png(plot_confusions(results)))]
-        sections += [table_by_range(results), captioned(REAL_OBJECTS, (folder / REAL_PICTURE).read_bytes())]
+        sections += [table_by_fit(results), table_by_range(results)]
+        sections += [captioned(REAL_OBJECTS, (folder / REAL_PICTURE).read_bytes())]
     sections += [table_of_trainings(results), *ends]
     facts = [facts_of_study(study, results)]
     return write_pages(folder, "study", TITLE, answers=[], facts=facts, sections=sections)
