@@ -15,6 +15,8 @@ from zbuf_occlude.cli import group
 from zbuf_occlude.cli.shell import echo, one_line
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
+RESUMING = ("compare", "convert", "generate", "paper", "train")
+"""Commands that go on, when called again, where they were interrupted."""
 
 
 def main() -> None:
@@ -38,7 +40,9 @@ def main() -> None:
         echo(f"error: {one_line(error)}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        echo("error: interrupted; what was finished is kept, and the same command resumes.", err=True)
+        resumes = not set(sys.argv[1:2]).isdisjoint(RESUMING)
+        again = "what was finished is kept, and the same command resumes" if resumes else "the same command begins anew"
+        echo(f"error: interrupted; {again}.", err=True)
         code = INTERRUPTED
     except OptionError as error:
         echo(f"error: {error}", err=True)

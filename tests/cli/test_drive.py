@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Run
+from zbuf_occlude.cli.drive import drive_command
 
 MINE = "kind: spinning\nelevations: {from: -25, to: 5, n: 6}\ncolumns: 90\nrange_max: 60\nsigma: 0.01\n"
 
@@ -17,6 +18,7 @@ def own(tmp_path: Path) -> Path:
     (tmp_path / "mine.yaml").write_text(MINE)
     rows = [[0.5 * i, 4.0 * i, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] for i in range(2)]
     np.savetxt(tmp_path / "path.txt", rows)
+    np.savetxt(tmp_path / "short.txt", rows[:1])
     objects = [{"class": "truck", "position": [12, 4, 0], "yaw": 90}, {"class": "bus", "position": [-9, -4, 0]}]
     (tmp_path / "town.json").write_text(json.dumps({"objects": objects}))
     return tmp_path
@@ -60,6 +62,8 @@ def test_nuscenes(run: Run, own: Path) -> None:
     [
         ("--trajectory path.txt --sweeps 6", "holds 5 whole sweeps of 0.1 s; 6 were asked for"),
         ("--trajectory path.txt --velocity 1,0,0", "--trajectory must go without --velocity"),
+        ("--trajectory short.txt", "must last a sweep of 0.1 s; it is shorter"),
+        ("--sweeps 1000000000", "at most 1,000,000 sweeps; it has 1,000,000,000"),
         ("--rig path.txt --sensor vlp-16", "must go without --rig"),
         ("--scene room", "--scene must be street or a JSON file; got 'room'"),
         ("--sensor surface", "one of vlp-16"),
@@ -70,6 +74,19 @@ def test_nuscenes(run: Run, own: Path) -> None:
 def test_wrong_arguments(run: Run, own: Path, options: str, says: str) -> None:
     run(f"drive {options} --out kitti", code=2, says=says)
     assert not (own / "kitti/sequences").exists()
+
+
+def test_vehicles_of_the_examples_drive_ahead() -> None:
+    page = (Path(__file__).parents[2] / "docs/drives.md").read_text()
+    for text in (page, str(drive_command.help)):
+        words = " ".join(text.split())
+        document, _ = json.JSONDecoder().raw_decode(words, words.index('{"objects":'))
+        moving = [each for each in document["objects"] if "velocity" in each]
+        assert moving
+        for each in moving:
+            yaw = np.radians(each.get("yaw", 0.0))
+            front = np.array([np.sin(yaw), -np.cos(yaw)])  # -y of the mesh
+            assert front @ each["velocity"][:2] == pytest.approx(np.linalg.norm(each["velocity"]))
 
 
 def test_scan_says_how_many_sweeps_a_trajectory_holds(run: Run, own: Path) -> None:

@@ -65,6 +65,20 @@ def test_what_asks_a_run_to_end_is_an_interrupt(tmp_path: Path, name: str) -> No
     assert list(temporary.iterdir()) == []
 
 
+@pytest.mark.parametrize(("command", "resumes"), [("generate", True), ("drive", False), ("view", False)])
+def test_only_commands_that_resume_say_so(command: str, resumes: bool) -> None:
+    program = (
+        "from zbuf_occlude import __main__ as program\n"
+        "def interrupted(**options): raise KeyboardInterrupt\n"
+        "program.group.main = interrupted\n"
+        "program.main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program, command], capture_output=True, text=True, check=False)
+    assert ended.returncode == 130
+    assert ("resumes" in ended.stderr) == resumes
+    assert ("begins anew" in ended.stderr) != resumes
+
+
 def test_nohup_is_heeded(tmp_path: Path) -> None:
     """A program started with nohup is not interrupted when its terminal is closed."""
     with subprocess.Popen(

@@ -161,6 +161,10 @@ def test_faults_of_files_have_their_rows(tmp_path: Path) -> None:
         (tmp_path / "t.txt").write_text(good + bad)
         with pytest.raises(zo.DatasetError, match=r"t\.txt.* row 2 must"):
             read_trajectory(tmp_path / "t.txt")
+    for bad in ("time x y z qx qy qz qw\n", "1,0,0,0,0,0,0,1\n", "1 2 3\n"):
+        (tmp_path / "t.txt").write_text(good + bad)
+        with pytest.raises(zo.DatasetError, match=f"must be t x y z qx qy qz qw.*{bad.strip()}"):
+            read_trajectory(tmp_path / "t.txt")
 
 
 def test_a_camera_that_looks_once_cannot_move() -> None:

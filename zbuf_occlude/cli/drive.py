@@ -24,6 +24,8 @@ SPEED = (10.0, 0.0, 0.0)
 """Default velocity, metres a second."""
 SWEEPS = 20
 """Default number of sweeps without a trajectory."""
+MOST_SWEEPS = 1_000_000
+"""Maximum sweeps: SemanticKITTI's names of files have six digits."""
 
 
 @click.command(cls=Command)
@@ -79,7 +81,7 @@ def drive_command(
         - {name: left, sensor: mid-360, position: [0.5, 0.8, 1.2], yaw: 90, pitch: 10}
 
     In a scene file positions are metres in the same frame, and objects may move: {"objects": [{"class": "car", "mesh":
-    "car.off", "position": [20, 4, 0], "velocity": [-8, 0, 0]}]}. Classes are the labels of the points.
+    "car.off", "position": [20, 4, 0], "yaw": -90, "velocity": [-8, 0, 0]}]}. Classes are the labels of the points.
 
     \b
     Examples:
@@ -93,6 +95,8 @@ def drive_command(
     motion = _motion(options)
     held = sweeps_held(sensors, motion)
     n_sweeps = sweeps or (SWEEPS if held is None else max(held, 1))
+    if n_sweeps > MOST_SWEEPS:
+        raise OptionError(f"a sequence must have at most {MOST_SWEEPS:,} sweeps; it has {n_sweeps:,}. Give --sweeps N.")
     path = _path(motion, n_sweeps * sensors.period)
     placed = _placed(scene, path, seed)
     world = Scene.joined(placed, rng=np.random.default_rng(seed_of(seed, "drive/albedo")))

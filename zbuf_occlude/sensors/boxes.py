@@ -98,6 +98,11 @@ def box_of(placed: Placed) -> ObjectBox:
     return ObjectBox(centre, sides, (turn + np.pi) % (2 * np.pi) - np.pi)
 
 
+def placed_at_points(placed: Placed, times: FloatArray) -> Placed:
+    """Return an object as it is at the median time of its points (n,), seconds; as it is where there are none."""
+    return placed_at(placed, float(np.median(times))) if placed.moves and len(times) else placed
+
+
 def as_label(name: str) -> bytes:
     """Return a class name as `BOX` stores it, cut at a whole character where it is too long."""
     return name.encode()[: BOX["label"].itemsize].decode(errors="ignore").encode()
@@ -107,10 +112,8 @@ def _at_scan_time(scene: Scene, found: Scan) -> Scene:
     """Return a static scene in which each moving object has its pose at the median time of its points."""
     placed = list(scene.placed)
     for number, each in scene.moving.items():
-        times = found.times[found.instances == number]
-        if len(times):
-            placed[number] = placed_at(each, float(np.median(times)))
-        placed[number] = replace(placed[number], velocity=(0.0, 0.0, 0.0), turn=0.0)
+        then = placed_at_points(each, found.times[found.instances == number])
+        placed[number] = replace(then, velocity=(0.0, 0.0, 0.0), turn=0.0)
     return Scene.joined(placed)
 
 

@@ -84,6 +84,8 @@ def scan_drive(
         raise ArgumentError("motion of a rig must have no begin and no mount; the rig has the mounts. Leave them out.")
     check_int("n_sweeps", n_sweeps, 1)
     held = sweeps_held(rig, motion)
+    if held == 0:
+        raise OptionError(f"the trajectory must last a sweep of {rig.period:g} s; it is shorter. Give a longer one.")
     if held is not None and n_sweeps > held:
         raise OptionError(
             f"the trajectory holds {held} whole sweeps of {rig.period:g} s; {n_sweeps} were asked for. Give fewer "

@@ -1,5 +1,6 @@
 """Motion of a sensor during a scan: its pose at the time of each ray."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ from zbuf_occlude.base.arrays import (
     FloatArray,
     as_flag,
     as_number,
-    as_numbers,
     as_vector,
     set_readonly,
     shape_and_dtype,
@@ -183,6 +183,14 @@ def _fault(rows: FloatArray) -> str:
     return ""
 
 
+def _row(line: str) -> list[float]:
+    """Return the numbers of a line; raise ValueError where they are not eight."""
+    with suppress(ValueError):
+        if len(numbers := [float(word) for word in line.split()]) == 8:
+            return numbers
+    raise ValueError(f"each line must be t x y z qx qy qz qw, eight numbers with spaces between; one is {line[:80]!r}")
+
+
 def read_trajectory(path: str | Path) -> FloatArray:
     """Read a trajectory (m, 8) in the format of the TUM benchmark: lines of t x y z qx qy qz qw; # begins a comment.
 
@@ -201,10 +209,10 @@ def read_trajectory(path: str | Path) -> FloatArray:
     name = escape_control(str(path))
     try:
         lines = read_limited(path).decode("utf-8", "replace").splitlines()
-        rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
+        rows = [_row(line) for line in lines if line.strip() and line.strip()[0] != "#"]
         if not rows:
             raise ValueError("it must have lines of t x y z qx qy qz qw; it has none")
-        found = as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
+        found = np.array(rows)
         if fault := _fault(found):
             raise ValueError(fault)
         return found

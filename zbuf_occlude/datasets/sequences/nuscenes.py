@@ -6,7 +6,9 @@ sweeps/CHANNEL/*.pcd.bin         the sweeps between them
 maps/*.png                       an empty map: the devkit asks for one
 
 The first sensor of a rig is LIDAR_TOP, others are LIDAR_NAME; each has its own clouds. Objects with a return have a box
-at the beginning of each key frame. Intensity is 255 times albedo times the cosine of the incidence.
+in each key frame, at the median time of their returns to the first LiDAR that has any. `num_lidar_pts` counts the
+points of all LiDARs in the box, those of the ground too. Intensity is 255 times albedo times the cosine of the
+incidence.
 
 References
 ----------
@@ -30,29 +32,24 @@ from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError, OptionError
 from zbuf_occlude.datasets.real.nuscenes import CHANNEL
-from zbuf_occlude.sensors.boxes import box_of
+from zbuf_occlude.datasets.real.sweeps import LabelledBox
+from zbuf_occlude.sensors.boxes import box_of, placed_at_points
 from zbuf_occlude.sensors.drives import DriveSweep
 from zbuf_occlude.sensors.frames import png
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.rigs import Rig
+from zbuf_occlude.sensors.scenes.scene import upright_pose
 
 VERSION = "v1.0-mini"
 TABLES = (
-    *(
-        "attribute",
-        "calibrated_sensor",
-        "category",
-        "ego_pose",
-        "instance",
-        "log",
-        "map",
-        "sample",
-        "sample_annotation",
-    ),
-    *("sample_data", "scene", "sensor", "visibility"),
+    *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "log", "map", "sample"),
+    *("sample_annotation", "sample_data", "sensor", "visibility", "scene"),
 )
+"""The tables in the order of writing. The scene is the last one: a sequence is there when its scene is."""
 KEY_FRAMES = 0.5
 """Seconds from one key frame to the next, as in nuScenes; at least a sweep."""
+ROUNDING = 1e-6
+"""Metres outside a box at which points count as in it: without noise those of flat sides lie on the box."""
 CATEGORIES = MappingProxyType({
     "car": "vehicle.car", "van": "vehicle.car", "truck": "vehicle.truck", "tractor": "vehicle.truck",
     "bus": "vehicle.bus.rigid", "trailer": "vehicle.trailer", "motorcycle": "vehicle.motorcycle",
@@ -82,6 +79,8 @@ def check(out: Path, sequence: int, rig: Rig) -> None:
 
 def write(out: Path, sequence: int, rig: Rig, sweeps: Iterable[DriveSweep]) -> Iterator[DriveSweep]:
     """Write a sequence; yield each sweep when its clouds are written. The tables get its rows when all are."""
+    for left in out.glob(f"s*/*/{scene_name(sequence)}__*.pcd.bin"):  # by a run that was interrupted
+        left.unlink()
     new, channels = _fixed_rows(sequence, rig), channels_of(rig)
     every = max(1, round(KEY_FRAMES / rig.period))
     seen = defaultdict[int, Rows](list)
@@ -154,21 +153,23 @@ def _fixed_rows(sequence: int, rig: Rig) -> dict[str, Rows]:
 
 def _annotations(sweep: DriveSweep, sequence: int, sample: str) -> dict[int, dict[str, Any]]:
     """Return the rows of the boxes of a key frame by the numbers of their objects; with the token of the category."""
-    scene, found = sweep.scene, {}
-    instances = np.concatenate([scan.instances for scan in sweep.scans.values()])
-    n_points = np.bincount(instances, minlength=len(scene.placed))
-    for number, placed in enumerate(scene.placed):
+    scans, found = sweep.scans.values(), {}
+    points = np.concatenate([scan.points for scan in scans])
+    for number, placed in enumerate(sweep.scene.placed):
         category = CATEGORIES.get(placed.label.strip().lower())
-        if category is None or not n_points[number]:
+        times = next((mine for scan in scans if len(mine := scan.times[scan.instances == number])), None)
+        if category is None or times is None:
             continue
-        box = box_of(placed)
+        box = box_of(placed_at_points(placed, times))
+        rotation = upright_pose(box.yaw)[:3, :3]
+        n_points = LabelledBox(placed.label, box.centre, rotation, box.sides).contains(points, ROUNDING).sum()
         length, width, height = box.sides.tolist()
         found[number] = {
             "token": _token(sequence, "box", number, sweep.number), "sample_token": sample,
             "instance_token": _token(sequence, "object", number), "category": _token("category", category),
             "translation": box.centre.tolist(), "size": [width, length, height],
             "rotation": [float(np.cos(box.yaw / 2)), 0.0, 0.0, float(np.sin(box.yaw / 2))],
-            "num_lidar_pts": int(n_points[number]), "num_radar_pts": 0, "attribute_tokens": [], "visibility_token": "",
+            "num_lidar_pts": int(n_points), "num_radar_pts": 0, "attribute_tokens": [], "visibility_token": "",
         }  # fmt: skip
     return found
 
@@ -211,12 +212,11 @@ def _tables(out: Path) -> dict[str, Rows]:
 
 
 def _add(out: Path, new: dict[str, Rows]) -> None:
-    """Add rows to the tables, but those that are there already."""
+    """Add rows to the tables, in place of those that have their tokens."""
     for folder in (VERSION, "maps"):
         (out / folder).mkdir(exist_ok=True)
     (out / new["map"][0]["filename"]).write_bytes(png(np.zeros((1, 1), np.uint8)))
     for name, rows in _tables(out).items():
-        tokens = {row["token"] for row in rows}
-        atomic.write_json(
-            out / VERSION / f"{name}.json", rows + [row for row in new[name] if row["token"] not in tokens]
-        )
+        tokens = {row["token"] for row in new[name]}
+        kept = [row for row in rows if row["token"] not in tokens]
+        atomic.write_json(out / VERSION / f"{name}.json", kept + new[name])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
-from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.base.errors import DatasetError, OptionError
 from zbuf_occlude.datasets.real.sweeps import Loader, Sweep, find_sweeps
 from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors.casting import prepare_scene
@@ -107,10 +107,12 @@ def compare_drive(
     DatasetError
         No labelled sweeps; no sweep that can be read; a sensor that cannot be told.
     OptionError
-        An unknown sensor.
+        An unknown sensor, or one that does not spin.
     """
     layout, loaders = find_sweeps(log)
     known = None if sensor is None else make(sensor)
+    if known is not None and known.kind != "spinning":
+        raise OptionError(f"the sensor of a drive must be a spinning LiDAR; {known.name} is {known.kind}.")
     skipped, places, clouds = list[str](), list[tuple[Loader, int]](), list[FloatArray]()
     every = -(-len(loaders) // CLOUDS)
     for number, loader in enumerate(loaders):
@@ -220,7 +222,7 @@ class RealRays:
 def drawn_returns(sightings: list[Sighting], reach: float, darkest: float = traffic.GLASS[0]) -> Counts:
     """Return the numbers of returns (DRAWS, n) that dropout leaves, with albedos and glass drawn for each object.
 
-    `reach` is the `detection_range`, `darkest` the smallest factor of windows on the albedo.
+    `reach` is the `detection_range`; 0: every pulse returns. `darkest` is the smallest factor of windows on the albedo.
     """
     brightest = traffic.GLASS[1]
     found = np.zeros((DRAWS, len(sightings)), dtype=np.int64)
@@ -233,7 +235,7 @@ def drawn_returns(sightings: list[Sighting], reach: float, darkest: float = traf
             if len(ranges):
                 mine = slice(model, None, MODELS)
                 behind = albedos[mine] * np.where(is_glass, glass[mine], 1.0)
-                shares = detection_probability(behind, cosines, ranges, reach).mean(axis=1)
+                shares = detection_probability(behind, cosines, ranges, reach or np.inf).mean(axis=1)
                 found[mine, number] = rng.binomial(len(ranges), shares)
     return found
 

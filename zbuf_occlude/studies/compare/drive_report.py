@@ -16,9 +16,10 @@ RESAMPLES = 400
 def drive_report(found: DriveComparison) -> list[str]:
     """Return the lines of the report: the sensor, each sighting where they are few, classes by range."""
     reach, columns = found.sensor.noise_model.detection_range, found.sensor.pattern["columns"]
+    lost = f"reach {reach:g} m" if reach else "no lost returns"
     head = (
         f"{found.layout}, {len(found.sightings)} sightings in {found.n_taken} of {found.n_sweeps} sweeps. Sensor: "
-        f"{found.sensor.name} ({found.how}), {columns} firings a turn, reach {reach:g} m."
+        f"{found.sensor.name} ({found.how}), {columns} firings a turn, {lost}."
     )
     n_skipped = len(found.skipped)
     end = ["", f"Sweeps that could not be read and were skipped: {n_skipped}."] if n_skipped else []
