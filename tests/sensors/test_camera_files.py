@@ -112,3 +112,26 @@ def test_a_scan_from_the_command_line(tmp_path: Path) -> None:
     found = run(*command, "--sensor", "vlp-16", "--out", tmp_path / "scan.npz")
     assert found.returncode != 0
     assert "--camera must go with a pinhole sensor" in found.stderr
+
+
+def test_views_with_intrinsics_of_their_own_go_without_a_camera(tmp_path: Path) -> None:
+    """Both files say what the pictures are like; of those of the views --camera would not count."""
+    written(tmp_path / "camera.json", json.dumps(BOP))
+    pose = {"R": np.diag([1.0, -1.0, -1.0]).tolist(), "t": [0.0, 0.0, 5.0]}
+    matrix = [[50.0, 0.0, 50.0], [0.0, 50.0, 50.0], [0.0, 0.0, 1.0]]
+    box().to_trimesh().export(tmp_path / "box.stl")
+    command = [
+        "generate",
+        tmp_path / "box.stl",
+        "--unit",
+        "m",
+        "--sensor",
+        "pinhole",
+        "--camera",
+        tmp_path / "camera.json",
+    ]
+    for intrinsics, code in (({"K": matrix, "width": 100, "height": 100}, 2), ({}, 0)):
+        views = written(tmp_path / "views.json", json.dumps([{**pose, **intrinsics}]))
+        found = run(*command, "--views", views, "--dry-run", "--out", tmp_path / "out")
+        assert found.returncode == code, found.stderr
+        assert ("--camera must go without --views of a file that has intrinsics" in found.stderr) == (code == 2)
