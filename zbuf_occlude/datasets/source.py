@@ -119,9 +119,12 @@ def open_to_show(folder: Path) -> CloudReader:
 
 
 def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
+    row = find_format(plan.format)
+    cure = f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
+    if row.from_meshes:
+        cure = "Make the format that you need from the meshes, by `zbuf-occlude generate`."
     return DatasetError(
-        f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
-        f"Make the {find_format(plan.format).exported_from} dataset, and its export by `zbuf-occlude convert`."
+        f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. {cure}"
     )
 
 
