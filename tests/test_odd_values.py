@@ -170,6 +170,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: ScanConfig(SENSOR, range=[1, 2, 3]), r"--range must be a number, or two as A\.\.B"),
         (lambda: ScanConfig(SENSOR, keep=2), "keep must be a word; got 2"),
         (lambda: ScanConfig(SENSOR, keep_clean="no"), "keep_clean must be True or False; got 'no'"),
+        (lambda: ScanConfig(SENSOR, ground="no"), "ground must be True or False; got 'no'"),
         (lambda: ScanConfig(SENSOR, method="guess"), "method must be one of"),
         (lambda: ScanConfig(SENSOR, scene="ground", sensor_height="2"), "--sensor-height must be metres above 0"),
         (lambda: ScanConfig(SENSOR, transparent={"a": "b"}), "a share in 0..1; got 'a'='b'"),

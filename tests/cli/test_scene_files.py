@@ -105,7 +105,7 @@ def test_a_depth_camera_keeps_its_places_and_a_lidar_says_which_it_has(run: Run,
     assert "vlp-32c is mounted 1.73 m above the ground: elevations of --views do not count" in lidar.err
     assert "30 views look from 10 sides" in lidar.err
     below = run(f"{asked.replace('15..75', '-60..60')} --range 0.4 --sensor pinhole:width=64,height=64 --out below")
-    assert "warning: 10 cameras would be below the ground, and stand on it" in below.out
+    assert "warning: 10 cameras would be below the ground or table, and stand on it" in below.out
     run(f"{asked} --range 0.4 --sensor pinhole --sensor-height 1.5 --out none", code=2, says="is for a LiDAR")
     run(
         f"{asked} --range 0.4 --sensor pinhole:width=64,height=64 --distance 3 --dry-run --out both",

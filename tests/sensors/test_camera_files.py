@@ -79,10 +79,13 @@ def test_a_point_falls_on_the_pixel_that_opencv_projects_it_to(tmp_path: Path) -
         ("cameras.txt", COLMAP + COLMAP, "it has 2 cameras"),
         ("cameras.txt", "", "it has 0 cameras"),
         ("camera.json", "{}", "must have the intrinsics of one camera.*it has no 'fx'"),
-        ("camera.json", "[]", "must have the intrinsics of one camera"),
+        ("camera.json", "[]", r"must have the intrinsics of one camera.*no names with values"),
+        ("camera.json", "7", "no names with values"),
+        ("camera_info.yaml", "", "no names with values"),
         ("camera.json", json.dumps({**BOP, "fx": "wide"}), "fx must be a number"),
         ("camera.json", json.dumps({"intrinsic_matrix": [1.0] * 9, "width": 4, "height": 4}), "without skew"),
-        ("camera.json", json.dumps({"intrinsic_matrix": [1.0] * 4}), "must have the intrinsics of one camera"),
+        ("camera.json", json.dumps({"intrinsic_matrix": [1.0] * 4}), "intrinsic_matrix must be 3 x 3 numbers"),
+        ("camera.json", json.dumps({"intrinsic_matrix": [FX, 0, CX, 0, FY, CY, 0, 0, 1]}), "column by column"),
         ("camera.png", "", "ends in '.png'"),
         (
             "info.yaml",
@@ -109,3 +112,26 @@ def test_a_scan_from_the_command_line(tmp_path: Path) -> None:
     found = run(*command, "--sensor", "vlp-16", "--out", tmp_path / "scan.npz")
     assert found.returncode != 0
     assert "--camera must go with a pinhole sensor" in found.stderr
+
+
+def test_views_with_intrinsics_of_their_own_go_without_a_camera(tmp_path: Path) -> None:
+    """Both files say what the pictures are like; of those of the views --camera would not count."""
+    written(tmp_path / "camera.json", json.dumps(BOP))
+    pose = {"R": np.diag([1.0, -1.0, -1.0]).tolist(), "t": [0.0, 0.0, 5.0]}
+    matrix = [[50.0, 0.0, 50.0], [0.0, 50.0, 50.0], [0.0, 0.0, 1.0]]
+    box().to_trimesh().export(tmp_path / "box.stl")
+    command = [
+        "generate",
+        tmp_path / "box.stl",
+        "--unit",
+        "m",
+        "--sensor",
+        "pinhole",
+        "--camera",
+        tmp_path / "camera.json",
+    ]
+    for intrinsics, code in (({"K": matrix, "width": 100, "height": 100}, 2), ({}, 0)):
+        views = written(tmp_path / "views.json", json.dumps([{**pose, **intrinsics}]))
+        found = run(*command, "--views", views, "--dry-run", "--out", tmp_path / "out")
+        assert found.returncode == code, found.stderr
+        assert ("--camera must go without --views of a file that has intrinsics" in found.stderr) == (code == 2)

@@ -352,6 +352,15 @@ def test_a_depth_unit_is_that_of_all_datasets(form: str, tmp_path: Path) -> None
         assert ('"integer_depth_scale": 0.001' if form == "frames" else '"depth_scale": 1.0') in about.read_text()
 
 
+@pytest.mark.parametrize("form", ["frames", "bop"])
+def test_a_unit_above_twice_all_depths_is_refused(form: str, tmp_path: Path) -> None:
+    """Each depth of an object 1.5 m away would be one step, 5 m."""
+    pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    sensor = zo.sensors.make("pinhole:width=32,height=24,fov=40", range_max=9.0)
+    with pytest.raises(zo.OccludeError, match=r"unit must be less than the depths, here at most 1\.\d+; got 5"):
+        of_camera(tmp_path, box((0.1, 0.1, 0.1)), sensor, form=form, views="ring:1@0", depth_unit=5.0)
+
+
 @pytest.mark.parametrize(
     ("message", "sensor", "given"),
     [

@@ -289,6 +289,8 @@ PLACED = '{"objects": [{"mesh": "a.off", "position": [0, 0, %s}]}'
         ('{"objects": [], "ground": 3}', "ground must be true or false"),
         (PLACED % '0], "unit": "mm", "size": 2', "one of unit and size"),
         (PLACED % '0], "count": 2', "one of count and position"),
+        (PLACED % '0], "count": 2, "unit": "mm"', "one of count and position"),
+        ('{"table": {}, "objects": [{"mesh": "a.off", "yaw": 20}]}', "object 0: .*yaw must have a position"),
         (PLACED % '0], "count": 0', "count must be a whole number, from 1 to 100; got 0"),
     ],
 )

@@ -295,7 +295,7 @@ def generate_command(
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
     if scan is not None:
-        check_ranges(context, scan, plan)
+        check_file_cameras(context, scan, plan)
     if require_gpu and not find_method(plan.config.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
@@ -320,8 +320,10 @@ def generate_command(
         raise SystemExit(SOME_FAILED)
 
 
-def check_ranges(context: click.Context, scan: ScanConfig, plan: Plan) -> None:
-    """Refuse ranges of cameras that stand where a file says; report options that do not count."""
+def check_file_cameras(context: click.Context, scan: ScanConfig, plan: Plan) -> None:
+    """Refuse ranges and intrinsics beside those of the cameras of a file; report options that do not count."""
+    if plan.views.fov_bounds is not None and explicitly_set(context, ("camera",)):
+        raise click.UsageError("--camera must go without --views of a file that has intrinsics. Leave one out.")
     if scan.range is not None and plan.views.rotations is not None:
         raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
     for remark in overruled(scan, plan.views):

@@ -75,7 +75,8 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
         yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"
     yield from cut_off(document.get("cut_by_range"), document["options"].get("scan"))
     if n := counts.get("cameras_raised_above_the_ground"):
-        yield f"warning: {counted(n, 'camera')} would be below the ground, and stand on it. Choose --views from above."
+        placed = f"{counted(n, 'camera')} would be below the ground or table, and stand on it"
+        yield f"warning: {placed}. Choose --views from above."
     if n := counts.get("views_inside_the_bounding_box"):
         cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
         yield f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"

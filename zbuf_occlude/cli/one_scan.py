@@ -148,7 +148,7 @@ def scan_once(
     if scan.transparent and capture.scene.transmittance is None:
         raise OptionError(no_transparent_material("--transparent", loaded))
     if n_raised(views, places, scan):
-        echo("warning: the camera would be below the ground and was placed on it. Raise --elevation.", err=True)
+        echo("warning: the camera would be below the ground or table, and stands on it. Raise --elevation.", err=True)
     return capture, size, loaded.centre
 
 

@@ -16,6 +16,8 @@ OPENCV_ORIGIN = 0.5
 """Offset of cx and cy from those of a file whose origin is the centre of the first pixel."""
 _FORMS = "BOP's camera.json, ROS's camera_info.yaml, COLMAP's cameras.txt or .bin, or Open3D's intrinsics as JSON"
 _DISTORTION = Number(shapes=((-1,),))
+_COLUMNS = Number(shapes=((3, 3),))
+_DOCUMENTS = {".json": "JSON", ".yaml": "YAML", ".yml": "YAML"}
 
 
 def read_intrinsics(path: str | Path) -> dict[str, float]:
@@ -67,14 +69,16 @@ def _read(path: Path) -> tuple[Sequence[Any], float]:
         if len(rows) != 1:
             raise ValueError(f"it has {len(rows)} cameras; keep the line of one")
         return intrinsics_of_row(rows[0]), 0.0
-    if suffix in (".yaml", ".yml"):
-        return _from_ros(parse_document("YAML", read_limited(path), path)), OPENCV_ORIGIN
-    if suffix != ".json":
+    if suffix not in _DOCUMENTS:
         raise ValueError(f"its name ends in {suffix!r}")
-    document = parse_document("JSON", read_limited(path), path)
-    if "intrinsic_matrix" in document:  # column by column
-        fx, _, _, skew, fy, _, cx, cy, one = document["intrinsic_matrix"]
-        found = intrinsics_of_matrix("intrinsic_matrix", [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, one]])
+    document = parse_document(_DOCUMENTS[suffix], read_limited(path), path)
+    if not isinstance(document, Mapping):
+        raise ValueError("it has no names with values")
+    if suffix != ".json":
+        return _from_ros(document), OPENCV_ORIGIN
+    if "intrinsic_matrix" in document:
+        columns = _COLUMNS.read("intrinsic_matrix", document["intrinsic_matrix"])
+        found = intrinsics_of_matrix("intrinsic_matrix, read column by column,", list(zip(*columns, strict=True)))
         return [*found, document["width"], document["height"]], OPENCV_ORIGIN
     return [document[name] for name in INTRINSICS], OPENCV_ORIGIN
 

@@ -170,7 +170,8 @@ _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 
 _EVENLY_SPACED = "evenly spaced and without azimuth offsets: assumed"
 _NEBULA = "calibration file of tier4/nebula"
-_EVEN_SHOTS = "the maker publishes no pattern; shots spread evenly over the field of view: assumed"
+_SHOTS = "fitted to the table of shots of Livox's own simulator"
+_EVEN_SHOTS = "its paths approximated by shots spread evenly over the field of view"
 _UNCHECKED = "not checked against the document"
 _RANGES_80 = f"metres, of 80 % reflectivity, {_SHEET}"
 
@@ -414,11 +415,13 @@ ROWS: tuple[SensorRow, ...] = (
     ),
     SensorRow(
         "avia",
-        "non_repetitive",
-        "Livox Avia: 70.4 x 77.2 degrees, forward; its pattern approximated",
+        "risley",
+        "Livox Avia: six beams through two turning prisms, 70.4 x 77.2 degrees, forward; a rosette that never repeats",
         {
-            "azimuths": ((-35.2, 35.2), f"70.4 degrees, {_SHEET}; {_EVEN_SHOTS}, taken as a rectangle"),
-            "elevations": ((-38.6, 38.6), f"77.2 degrees, {_SHEET}"),
+            "frequencies": ((-40.8, 131.55), f"turns a second, {_SHOTS}"),
+            "wedge": (29.65, f"degrees: the field of view of 70.4 degrees, {_SHEET}"),
+            "index": (1.5095, _ASSUMED + ", as Mid-40"),
+            "fan": ((-2.2, -1.32, -0.44, 0.44, 1.32, 2.2), f"degrees, {_SHOTS}"),
             "rate": (240_000.0, _SHEET),
             "seconds": (0.1, _ASSUMED + ": ten scans a second"),
             "range_min": (1.0, _SHEET),

@@ -137,7 +137,10 @@ class Frame:
 
     @property
     def camera(self) -> dict[str, Any]:
-        """K, R and t (world space to OpenCV's camera space), width and height as plain data, as `from_json` reads."""
+        """K, R and t (world space to OpenCV's camera space), width and height as plain data, as `from_json` reads.
+
+        The centre of the first pixel is (0.5, 0.5) in K.
+        """
         height, width = self.depth.shape
         matrices = {"K": self.intrinsics, "R": self.extrinsics[:, :3], "t": self.extrinsics[:, 3]}
         return {**{name: values.tolist() for name, values in matrices.items()}, "width": width, "height": height}
@@ -503,9 +506,13 @@ def depth_steps(depth: NDArray[np.float32], unit: float) -> NDArray[np.uint16]:
     Raises
     ------
     ArgumentError
-        A depth above 65,535 steps.
+        A depth above 65,535 steps, or all depths below half a step.
     """
     hit, steps = np.isfinite(depth), np.zeros(depth.shape, np.uint16)
+    if 0.0 < (largest := depth[hit].max(initial=0.0)) < unit / 2.0:
+        raise ArgumentError(
+            f"a depth unit must be less than the depths, here at most {largest:g}; got {unit:g}. Give a smaller one."
+        )
     levels = np.maximum(np.round(depth[hit].astype(np.float64) / unit), 1.0)
     if levels.max(initial=0.0) > DEPTH_LEVELS:
         raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
@@ -525,7 +532,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     000_instance.png     16 bits: instance + 1; 0 where nothing is hit
     transforms.json      intrinsics, and for each frame its files and ``transform_matrix``: camera (x right, y up,
                          looking along -z) to world
-    cameras.json         for each frame K, R, t in OpenCV's convention, width, height, and the unit of its depth
+    cameras.json         for each frame K, R, t, width, height as `Frame.camera`, and the unit of its depth
     ===================  =====================================================================================
 
     Parameters
@@ -566,17 +573,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     if unit is None:
         found = list(found)
         unit = depth_unit(max(map(farthest, found), default=0.0))
-    else:
-        found = _check_unit(found, float(unit))
     return frame_files(folder, found, float(unit))
-
-
-def _check_unit(found: Iterable[Frame], unit: float) -> Iterator[Frame]:
-    """Yield the frames; raise ArgumentError at one whose depths are all below half a unit."""
-    for frame in found:
-        if 0.0 < farthest(frame) < unit / 2.0:
-            raise ArgumentError(f"unit must be less than the depths, here at most {farthest(frame):g}; got {unit:g}.")
-        yield frame
 
 
 def frame_files(folder: Path, found: Iterable[Frame], unit: float) -> list[str]:

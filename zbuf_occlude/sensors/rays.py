@@ -203,9 +203,16 @@ def beside_axis(azimuths: FloatArray, offsets: FloatArray) -> FloatArray:
 
 
 def risley(
-    *, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float, begin: float = 0.0
+    *,
+    frequencies: Sequence[float],
+    wedge: float,
+    index: float,
+    rate: float,
+    seconds: float,
+    begin: float = 0.0,
+    fan: Sequence[float] = (0.0,),
 ) -> Rays:
-    """Return the rays of a LiDAR whose beam passes two rotating wedge prisms, shot by shot; all of ring 0.
+    """Return the rays of a LiDAR whose beams pass two rotating wedge prisms, shot by shot.
 
     Parameters
     ----------
@@ -216,26 +223,33 @@ def risley(
     index : float
         Index of refraction of the prisms.
     rate : float
-        Shots per second.
+        Shots per second, of all lasers.
     seconds : float
         Duration of a scan.
     begin : float
         Seconds from the moment at which both prisms are at angle 0 to the first shot.
+    fan : (l,) float
+        Elevation of each laser's beam before the prisms, degrees, the lowest first. All lasers shoot at once; each is a
+        ring.
     """
-    n_shots = round(rate * seconds)
-    _check_count(n_shots)
+    n_columns = round(rate * seconds / len(fan))
+    _check_count(n_columns * len(fan))
     tilt = np.radians(wedge)
     if not index * np.sin(tilt) < 1.0:
         raise OptionError(
             f"index times the sine of wedge must be below 1, or the prisms reflect all light; got wedge {wedge:g}, "
             f"index {index:g}."
         )
-    shots, directions = np.arange(n_shots, dtype=np.int32), np.empty((n_shots, 3))
-    for some in np.array_split(shots, 1 + n_shots // 100_000):  # in blocks, to limit memory
-        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (begin + some / rate)) for frequency in frequencies)
-        axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's flat face is normal to the beam
-        directions[some] = _refract(_refract(_refract(axis, first, index), second, 1.0 / index), axis, index)
-    return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
+    columns, rings = (each.astype(np.int32) for each in np.divmod(np.arange(n_columns * len(fan)), len(fan)))
+    times, directions = columns * len(fan) / rate, np.empty((len(columns), 3))
+    rises = np.arcsin(np.sin(np.radians(fan)) / index)  # within the first prism, whose flat face is normal to the axis
+    beams = np.stack([np.cos(rises), np.zeros(len(fan)), np.sin(rises)], axis=1)
+    for some in np.array_split(np.arange(len(columns)), 1 + len(columns) // 100_000):  # in blocks, to limit memory
+        first, second = (_inclined(tilt, 2.0 * np.pi * each * (begin + times[some])) for each in frequencies)
+        axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)
+        between = _refract(_refract(beams[rings[some]], first, index), second, 1.0 / index)
+        directions[some] = _refract(between, axis, index)
+    return Rays(directions, rings, columns, times=times)
 
 
 def non_repetitive(

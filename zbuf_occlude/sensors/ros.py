@@ -1,7 +1,7 @@
 """Frames for ROS 2 and PCL: organised PCD with camera_info.yaml, and MCAP files of messages.
 
 Points are in the camera's optical frame: x right, y down, z forward, metres. The centre of the first pixel is (0, 0) in
-camera matrices, as in OpenCV. Views are a second apart.
+ROS's camera matrices, as in OpenCV. Views are a second apart.
 """
 
 import json
@@ -143,7 +143,7 @@ def organized_files(folder: Path, found: Iterable[Frame]) -> list[str]:
     000.pcd            x, y, z, rgb of each pixel, row by row; NaN where nothing is measured; VIEWPOINT: the pose of the
                        camera in the world
     camera_info.yaml   size, K, D = 0, R, P; one for each view, 000_camera_info.yaml, where they differ
-    cameras.json       as of `write_frames`: K, R and t of each view, world to camera
+    cameras.json       `Frame.camera` of each view: R and t, world to camera; K, the first pixel's centre at (0.5, 0.5)
     =================  =============================================================================================
     """
     folder.mkdir(parents=True, exist_ok=True)

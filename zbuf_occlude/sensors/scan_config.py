@@ -109,6 +109,7 @@ class ScanConfig:
             if not isinstance(word, str):
                 raise OptionError(f"{name} must be a word; got {shown(word)}.")
         as_flag(self.keep_clean, "keep_clean")
+        as_flag(self.ground, "ground")
         if self.scene == "table" or self.table is not None:
             object.__setattr__(self, "table", checked_table(self.table or {}))
         check_int("least_points", self.least_points, 0)

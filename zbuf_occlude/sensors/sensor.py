@@ -34,6 +34,7 @@ NUMBERS: dict[str, Number] = {
     "offsets": Number(-100.0, 100.0, "metres", ((-1, 2),)),
     "frequencies": Number(-1e6, 1e6, "turns a second", ((2,),)),
     "wedge": Number(1e-3, 90.0, "degrees"),
+    "fan": Number(-45.0, 45.0, "degrees", ((-1,),)),
     "index": Number(1.0, 5.0),  # germanium's for infrared light, the highest of a prism, is 4
     "rate": Number(1e-3, 1e9, "shots a second"),
     "turns": Number(1e-3, 1e4, "a second"),

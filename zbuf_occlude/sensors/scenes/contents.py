@@ -127,9 +127,13 @@ def _checked(given: Any, folder: Path, *, rests: bool) -> dict[str, Any]:
         name: (NUMBERS[name].read if name in NUMBERS else parse_line)(name, value) for name, value in given.items()
     }
     check_frame(found.get("up"), found.get("unit"))
-    if {"unit", "size"} <= set(found) or ("count" in found and "position" in found):
-        both = "unit and size" if "unit" in found else "count and position"
-        raise OptionError(f"an object must have one of {both}; it has both. Leave one out.")
+    for one, other in (("unit", "size"), ("count", "position")):
+        if {one, other} <= set(found):
+            raise OptionError(f"an object must have one of {one} and {other}; it has both. Leave one out.")
+    if "yaw" in found and "position" not in found:
+        raise OptionError(
+            "an object with a yaw must have a position; without one it is turned at random. Leave it out."
+        )
     found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
     if builtin:
         return found
