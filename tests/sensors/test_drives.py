@@ -136,10 +136,10 @@ def test_a_trajectory_holds_whole_sweeps() -> None:
 
 
 def test_unix_times_hold_as_many_sweeps() -> None:
-    for begin in 1.7e9 + np.arange(50) / 7.0:
-        rows = rows_of(ARC, np.linspace(0.0, 0.7, 8), np.eye(4))
-        rows[:, 0] += begin
-        assert sweeps_held(TWO, Motion(trajectory=rows)) == 7
+    rig = Rig([Mounted("a", make(LIDAR, turns=20), np.eye(4))])
+    rows = rows_of(ARC, np.linspace(0.0, 0.35, 8), np.eye(4))
+    rows[:, 0] += 1.7e9
+    assert sweeps_held(rig, Motion(trajectory=rows)) == 7
 
 
 def test_a_rig_from_a_file(tmp_path: Path) -> None:
