@@ -76,8 +76,9 @@ def scan_drive(
 
     Examples
     --------
-    >>> rig, motion = zo.sensors.read_rig("rig.yaml"), zo.sensors.Motion(velocity=(10.0, 0.0, 0.0), deskew=True)
-    >>> [sweep.time for sweep in zo.sensors.scan_drive(zo.Scene.from_mesh("car.obj"), rig, motion, 2)]
+    >>> top = zo.sensors.Mounted("top", zo.sensors.make("vlp-16"), zo.sensors.mount_pose((0, 0, 1.7)))
+    >>> rig, motion = zo.sensors.Rig([top]), zo.sensors.Motion(velocity=(10.0, 0.0, 0.0), deskew=True)
+    >>> [sweep.time for sweep in zo.sensors.scan_drive(zo.Scene.from_mesh("chair.off"), rig, motion, 2)]
     [0.0, 0.1]
     """
     if motion.begin or motion.mount is not None:

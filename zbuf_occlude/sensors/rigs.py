@@ -46,6 +46,11 @@ def mount_pose(position: Any, yaw: float = 0.0, pitch: float = 0.0, roll: float 
     """Return the pose (4, 4) of a sensor that is rolled, then pitched, then turned about the rig's axes, degrees.
 
     A positive yaw turns it to the left, a positive pitch downwards, a positive roll to the right.
+
+    Examples
+    --------
+    >>> zo.sensors.mount_pose((0.5, 0.0, 1.7), yaw=90)[:3, 0].round(3).tolist()  # where it looks: to the left
+    [0.0, 1.0, 0.0]
     """
     (a, b, c), pose = np.radians([yaw, pitch, roll]), np.eye(4)
     turn = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
@@ -72,6 +77,7 @@ def read_rig(path: str | Path) -> Rig:
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> written = Path("rig.yaml").write_text("sensors: [{name: top, sensor: vlp-16}]")
     >>> zo.sensors.read_rig("rig.yaml")[0].name
     'top'

@@ -122,6 +122,17 @@ class CloudDataset(_Split, Dataset[Sample]):
     `packed` unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
 
+    def __init__(  # so that the error of a mistyped argument names this class
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_points: int | None = None,
+        transform: Transform | None = None,
+        attributes: Sequence[str] = (),
+    ) -> None:
+        super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
+
     def __getitem__(self, index: int) -> Sample:
         """Return (cloud, label)."""
         return self.sample(self.source.take(self.numbers[[index]])[0])
