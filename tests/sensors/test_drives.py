@@ -11,6 +11,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import box
 from zbuf_occlude.sensors import DriveSweep, Motion, Mounted, Rig, make, mount_pose, read_rig, scan_drive
+from zbuf_occlude.sensors.drives import sweeps_held
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.road import GROUND_HALF, road_along
 
@@ -132,6 +133,13 @@ def test_a_trajectory_holds_whole_sweeps() -> None:
     assert [sweep.time for sweep in driven(Motion(), 2, slow)] == [0.0, 0.2]
     with pytest.raises(zo.ArgumentError, match="no begin and no mount"):
         driven(Motion(begin=1.0), 1)
+
+
+def test_unix_times_hold_as_many_sweeps() -> None:
+    rig = Rig([Mounted("a", make(LIDAR, turns=20), np.eye(4))])
+    rows = rows_of(ARC, np.linspace(0.0, 0.35, 8), np.eye(4))
+    rows[:, 0] += 1.7e9
+    assert sweeps_held(rig, Motion(trajectory=rows)) == 7
 
 
 def test_a_rig_from_a_file(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from zbuf_occlude.sensors.scanning import default_caster, noiseless_scan
 from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.sensor import Sensor
 
-ROUNDING = 1e-6
-"""Part of a sweep that a trajectory may lack: times of files are rounded."""
+ROUNDING = 1e-4
+"""Part of a sweep that a trajectory may lack: times of files are rounded, and Unix times as float64 to 0.2 us."""
 
 
 class DriveSweep(NamedTuple):
