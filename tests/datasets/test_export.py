@@ -340,14 +340,14 @@ def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
     row = find_format(format)
     row.check(plan(format))
     refused = [({"n_points": 100}, "points in each complete cloud; got 100. Give --points")]
-    refused += [({"variations": 2}, "must have 1 variation, for its loaders count on it; got 2. Give --variations 1")]
+    refused += [({"variations": 2}, "number of variations .* must be 1, .* it is 2. Give --variations 1")]
     refused += [({"scale": "cloud"}, "all clouds of an object in one frame; got --scale cloud")]
     if format not in ("completion3d", "epn3d"):
         refused += [({"frame": "camera"}, "must have one frame for all views of an object")]
     refused += [({"n_points": None, "density": 9.0}, "points in each complete cloud; got a density")]
     if not row.complete and format != "epn3d":  # its index names each view
         refused += [
-            ({"views": "ring:5@0"}, f"must have {N_VIEWS[format]} views per object, .* got 5. Give --views random:")
+            ({"views": "ring:5@0"}, f"views per object .* must be {N_VIEWS[format]}, .* it is 5. Give --views random:")
         ]
     for changes, message in refused:
         with pytest.raises(OptionError, match=message):

@@ -22,6 +22,14 @@ ROS = {
     "distortion_model": "plumb_bob",
     "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.0] * 5},
 }
+ECHO = {
+    "height": HEIGHT,
+    "width": WIDTH,
+    "distortion_model": "plumb_bob",
+    "d": [0.0] * 5,
+    "k": ROS["camera_matrix"]["data"],  # type: ignore[index]
+}
+"""As ``ros2 topic echo`` prints a CameraInfo."""
 BOP = {"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": WIDTH, "height": HEIGHT, "depth_scale": 1.0}
 COLMAP = f"# cameras\n1 PINHOLE 640 480 {FX} {FY} {CX + 0.5} {CY + 0.5}\n"
 
@@ -36,6 +44,7 @@ def written(path: Path, content: str) -> Path:
     [
         ("camera.json", json.dumps(BOP)),
         ("camera_info.yaml", yaml.safe_dump(ROS)),
+        ("camera_info.yaml", yaml.safe_dump(ECHO)),
         ("cameras.txt", COLMAP),
         ("cameras.txt", f"7 OPENCV 640 480 {FX} {FY} {CX + 0.5} {CY + 0.5} 0 0 0 0\n"),
     ],
@@ -82,6 +91,7 @@ def test_a_point_falls_on_the_pixel_that_opencv_projects_it_to(tmp_path: Path) -
         ("camera.json", "[]", r"must have the intrinsics of one camera.*no names with values"),
         ("camera.json", "7", "no names with values"),
         ("camera_info.yaml", "", "no names with values"),
+        ("camera_info.yaml", yaml.safe_dump(ROS | {"camera_matrix": 5}), "camera_matrix must be 3 x 3 numbers"),
         ("camera.json", json.dumps({**BOP, "fx": "wide"}), "fx must be a number"),
         ("camera.json", json.dumps({"intrinsic_matrix": [1.0] * 9, "width": 4, "height": 4}), "without skew"),
         ("camera.json", json.dumps({"intrinsic_matrix": [1.0] * 4}), "intrinsic_matrix must be 3 x 3 numbers"),
@@ -92,7 +102,7 @@ def test_a_point_falls_on_the_pixel_that_opencv_projects_it_to(tmp_path: Path) -
             yaml.safe_dump({**ROS, "distortion_coefficients": {"data": [0.1, 0, 0, 0, 0]}}),
             r"its distortion \(plumb_bob\) is not 0",
         ),
-        ("info.yaml", "a: 1", "it has no 'distortion_coefficients'"),
+        ("info.yaml", "a: 1", "it has no 'camera_matrix'"),
     ],
 )
 def test_what_is_refused(name: str, content: str, message: str, tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ OPENCV_ORIGIN = 0.5
 _FORMS = "BOP's camera.json, ROS's camera_info.yaml, COLMAP's cameras.txt or .bin, or Open3D's intrinsics as JSON"
 _DISTORTION = Number(shapes=((-1,),))
 _COLUMNS = Number(shapes=((3, 3),))
+_CALIBRATION = ("camera_matrix", "distortion_coefficients", "image_width", "image_height")
+_CAMERA_INFO = ("k", "d", "width", "height")
 _DOCUMENTS = {".json": "JSON", ".yaml": "YAML", ".yml": "YAML"}
 
 
@@ -26,8 +28,9 @@ def read_intrinsics(path: str | Path) -> dict[str, float]:
     Parameters
     ----------
     path : path-like
-        BOP's camera.json, ROS's camera_info.yaml, Open3D's intrinsics as JSON: the centre of the first pixel is at
-        (0, 0). COLMAP's cameras.txt or .bin: it is at (0.5, 0.5), as in the result.
+        BOP's camera.json, ROS's camera_info.yaml (of camera_calibration, or ``ros2 topic echo``), Open3D's intrinsics
+        as JSON: the centre of the first pixel is at (0, 0). COLMAP's cameras.txt or .bin: it is at (0.5, 0.5), as in
+        the result.
 
     Returns
     -------
@@ -84,10 +87,13 @@ def _read(path: Path) -> tuple[Sequence[Any], float]:
 
 
 def _from_ros(document: Mapping[str, Any]) -> Sequence[Any]:
-    """Return fx, fy, cx, cy, width and height of a calibration file as ROS's camera_calibration writes it."""
-    distortion = _DISTORTION.read("distortion_coefficients", document["distortion_coefficients"]["data"])
-    if any(distortion):
+    """Return fx, fy, cx, cy, width and height of a file of ROS's camera_calibration, or of a CameraInfo as text."""
+    names = _CAMERA_INFO if "k" in document else _CALIBRATION
+    matrix, distortion, width, height = (document[name] for name in names)
+    matrix, distortion = (each["data"] if isinstance(each, Mapping) else each for each in (matrix, distortion))
+    if any(_DISTORTION.read(names[1], distortion)):
         model = escape_control(str(document.get("distortion_model", "")))
-        raise ValueError(f"its distortion ({model:.30}) is not 0; rectify the images first")
-    found = intrinsics_of_matrix("camera_matrix", document["camera_matrix"]["data"])
-    return [*found, document["image_width"], document["image_height"]]
+        raise ValueError(
+            f"its distortion ({model:.30}) is not 0; rectify the images, and give the numbers of the rectified camera"
+        )
+    return [*intrinsics_of_matrix(names[0], matrix), width, height]

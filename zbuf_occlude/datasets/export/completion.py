@@ -263,13 +263,13 @@ def _check(
     """
     config = plan.config
     for what, option, found, wanted in (
-        ("views per object", "--views random:", len(plan.views), n_views),
-        ("variation", "--variations ", config.variations, 1),
-        ("points per partial cloud", "--sample-size ", config.sample_size, size),
+        ("number of views per object", "--views random:", len(plan.views), n_views),
+        ("number of variations", "--variations ", config.variations, 1),
+        ("number of points per partial cloud", "--sample-size ", config.sample_size, size),
     ):
         if wanted is not None and found != wanted:
             raise OptionError(
-                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. Give "
+                f"the {what} of {plan.format} must be {wanted:,}, for its loaders count on it; it is {found:,}. Give "
                 f"{option}{wanted}."
             )
     if config.n_points is None or config.n_points < n_complete:
