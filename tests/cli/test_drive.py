@@ -69,6 +69,7 @@ def test_nuscenes(run: Run, own: Path) -> None:
         ("--sensor surface", "one of vlp-16"),
         ("--set-sensor columns=0", "columns"),
         ("--sensor-height nan", "--sensor-height"),
+        ("--velocity 10,0,0 --sweeps 6000", "at most 5000 m long; it is 6000 m. Give fewer --sweeps"),
     ],
 )
 def test_wrong_arguments(run: Run, own: Path, options: str, says: str) -> None:

@@ -122,6 +122,9 @@ def test_a_scan_from_the_command_line(tmp_path: Path) -> None:
     found = run(*command, "--sensor", "vlp-16", "--out", tmp_path / "scan.npz")
     assert found.returncode != 0
     assert "--camera must go with a pinhole sensor" in found.stderr
+    found = run(*command, "--sensor", "pinhole", "--set-sensor", "fov=40", "--out", tmp_path / "both.npz")
+    assert found.returncode != 0, "fov would change fx alone"
+    assert "--set-sensor fov must not be beside --camera" in found.stderr
 
 
 def test_views_with_intrinsics_of_their_own_go_without_a_camera(tmp_path: Path) -> None:

@@ -188,13 +188,16 @@ def named_caster(context: click.Context) -> str:
 def parse_sensor(name: str, settings: Settings, camera: str | None) -> Sensor:
     """Return a sensor with the intrinsics of --camera and the parameters of --set-sensor.
 
-    Raises OptionError as `zbuf_occlude.sensors.make` and `zbuf_occlude.sensors.read_intrinsics`.
+    Raises OptionError as `zbuf_occlude.sensors.make` and `read_intrinsics`, and for a parameter that both give.
     """
     sensor = sensors.make(name)
     if camera is not None:
         if sensor.kind != "pinhole":
             raise OptionError(f"--camera must go with a pinhole sensor; {sensor.name} is {sensor.kind}. Leave it out.")
-        sensor = sensors.make(sensor, **sensors.read_intrinsics(camera))
+        intrinsics = sensors.read_intrinsics(camera)
+        if given := [each for each, _ in settings if each in (*intrinsics, "fov")]:
+            raise OptionError(f"--set-sensor {given[0]} must not be beside --camera, which gives it. Leave one out.")
+        sensor = sensors.make(sensor, **intrinsics)
     sensor = sensors.make(sensor, **dict(settings))
     sensor.rays()  # raises for wrong parameters
     return sensor

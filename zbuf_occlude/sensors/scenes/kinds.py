@@ -92,7 +92,7 @@ def ground(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     return SceneLayout([request.target, _ground(request), *_table(request)])
 
 
-def table(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def tabletop(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     """Return the target on a table, among objects at rest; those that find no place are left out."""
     assert request.table is not None
     placed, occupied = ground(request, rng).placed, [footprint(request.target.vertices)]
@@ -183,7 +183,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("ground", "the target on a plane", ground, 1.73, most=2),
     Kind("street", "ground, road users, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
     Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
-    Kind("table", "a table on the ground, objects at rest on it", table, 1.73, most=2 + TABLE_OBJECTS),
+    Kind("table", "a table on the ground, objects at rest on it", tabletop, 1.73, most=2 + TABLE_OBJECTS),
 )
 """The kinds of scenes. The LiDAR's height is that of the HDL-64E on KITTI's car; in a room it is assumed."""
 

@@ -3,12 +3,15 @@
 import numpy as np
 
 from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.meshes.shapes.families import MEMBERS
 from zbuf_occlude.sensors.scenes.kinds import GROUND_HALF, box_mesh, plate_mesh, pole_mesh
 from zbuf_occlude.sensors.scenes.scene import Placed, moved, upright_pose
 
+LONGEST = 5_000.0
+"""Maximum length of the path, metres: about 3,000 objects stand beside it, in memory."""
 BEYOND = 60.0
 """Metres by which the road goes on before the first and after the last point of a path."""
 SPACING = {"user": 8.0, "pole": 25.0, "building": 18.0}
@@ -31,8 +34,15 @@ def ground_about(path: FloatArray) -> Placed:
 def road_along(path: FloatArray, seed: np.random.SeedSequence) -> list[Placed]:
     """Return the ground and the objects beside a path (m, 3) of a rig; nothing stands nearer to it than its own side.
 
-    Objects that would stand in the way of a path that comes back, or in each other's, are left out.
+    Objects that would stand in the way of a path that comes back, or in each other's, are left out. A path longer than
+    `LONGEST` is an OptionError.
     """
+    length = float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum())
+    if length > LONGEST:
+        raise OptionError(
+            f"the path of a drawn street must be at most {LONGEST:g} m long; it is {length:.0f} m. Give fewer "
+            "--sweeps, or a scene of your own by --scene FILE.json."
+        )
     rng, line = np.random.default_rng(seed), _extended(path[:, :2])
     steps = np.diff(line, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
