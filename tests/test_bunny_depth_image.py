@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from trimesh.creation import icosphere
 
@@ -16,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import bunny_depth_image
 
 
+@pytest.mark.needs("open3d")
 def test_a_scan_becomes_a_depth_image_in_its_place(tmp_path: Path) -> None:
     """A stretched ball, turned by 50 degrees about y and moved: the pose in bun.conf leads from its scan to it."""
     body = icosphere(subdivisions=4, radius=0.05)
