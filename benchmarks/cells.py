@@ -1,7 +1,8 @@
 """`exact` against ray casters, in a table of cells: a scene of 1,000 to 10,000,000 faces, and what is asked of it.
 
     python benchmarks/cells.py [FOLDER] [--quick] [--scene PATTERN ...] [--question PATTERN ...] [--repeats 3]
-                               [--peer NAME ...] [--tinybvh LIBRARY] [--processors] [--out cells.png]
+                               [--peer NAME ...] [--tinybvh LIBRARY] [--processors] [--isa avx512|avx2|sse]
+                               [--out cells.png]
 
 Scenes are meshes of FOLDER (default: furniture/ in ZBUF_OCCLUDE_DATA), the larger ones subdivided; a terrain; a street
 of such meshes. Asked are points from eyes, and first hits: of a picture, of a LiDAR's turn, of rays in no order.
@@ -10,6 +11,9 @@ arrays, and asks all sides each question in turn; medians count. A cell is *fres
 Its ratio is that of the fastest peer's seconds to those of `exact`. Peers' rays are made beforehand, which is not
 counted. Of more than `MOST_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with
 all. --processors takes seconds of all threads instead of the clock's: a busy machine changes them less.
+
+--isa limits `exact`, by numba's settings, and Open3D and embreex, by Embree's settings in the home folder, to an
+instruction set that the processor has; without it each side takes the best. mitsuba and tinybvh do as they like.
 
 Peers are Open3D, embreex in robust mode on as many threads, Mitsuba's LLVM variants where mitsuba and LLVM are there,
 and tinybvh by a library that exports C functions, rays being (n, 7) float32 of origin, direction and length:
@@ -22,7 +26,9 @@ and tinybvh by a library that exports C functions, rays being (n, 7) float32 of 
 
 import ctypes
 import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import trimesh
 from common import DATA, SHORT_OF, Open3D, heads, row, run
+from llvmlite import binding
 from matplotlib.colors import TwoSlopeNorm
 
 import zbuf_occlude as zo
@@ -48,6 +55,10 @@ QUICK = (
     ("2,000 x 1", "50,000 x 10", "picture", "turn", "no order"),
 )
 """Names of the scenes and questions that --quick asks."""
+
+
+ISAS = {"avx512": ("avx512", ()), "avx2": ("avx2", ("avx512",)), "sse": ("sse4.2", ("avx", "fma", "f16c", "vaes"))}
+"""Instruction sets: Embree's name, and how the names of the processor features begin that it lacks."""
 
 
 class Scene(NamedTuple):
@@ -262,6 +273,31 @@ def present(names: Sequence[str], library: Path | None) -> dict[str, Any]:
     return found
 
 
+# Instruction sets
+
+
+def limit_to(isa: str) -> None:
+    """Start this program again, limited to an instruction set, unless it is already."""
+    embree, lacking = ISAS[isa]
+    if os.environ.get("CELLS_ISA") == isa:
+        return
+    features = binding.get_host_cpu_features()
+    if isa == "avx512" and not features.get("avx512f"):
+        raise SystemExit("error: this processor has no AVX-512.")
+    kept = (f"{'+' if there and not name.startswith(lacking) else '-'}{name}" for name, there in features.items())
+    with tempfile.TemporaryDirectory() as home:
+        for version in (3, 4):
+            Path(home, f".embree{version}").write_text(f"isa={embree}\n")
+        limits = {"CELLS_ISA": isa, "NUMBA_CPU_FEATURES": ",".join(kept) if lacking else features.flatten()}
+        raise SystemExit(subprocess.call([sys.executable, *sys.argv], env={**os.environ, **limits, "HOME": home}))
+
+
+def processor() -> str:
+    """Return the name of the processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
 # Measuring
 
 
@@ -377,9 +413,14 @@ def main(
     peer: Sequence[str] = tuple(PEERS),
     repeats: int = 3,
     processors: bool = False,
+    isa: str = "",
     tinybvh: Path | None = None,
     out: Path | None = None,
 ) -> None:
+    if isa:
+        limit_to(isa)
+    best = "AVX-512" if binding.get_host_cpu_features().get("avx512f") else "the best instruction set"
+    print(f"{processor()}, {os.cpu_count()} cores, {isa or best}")
     peers = present(peer, tinybvh)
     usual = QUICK if quick else ((), ())
     questions = chosen(QUESTIONS, question or usual[1])
@@ -397,4 +438,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main, __doc__, peer=PEERS)
+    run(main, __doc__, peer=PEERS, isa=ISAS)

@@ -10,6 +10,7 @@ though it is none of the argument's kind. All runs in one process, on meshes of 
 import contextlib
 import io
 import math
+import os
 import re
 import shlex
 import shutil
@@ -274,6 +275,10 @@ def calls_of_python(folder: Path) -> list[Call]:
         with tempfile.TemporaryDirectory() as place:
             return zo.write_frames(place, listed(cube, views, width=8, height=6), **options)
 
+    def placed(folder: Any) -> list[str]:
+        shutil.rmtree("frames", ignore_errors=True)
+        return zo.write_frames(folder, listed(cube, views, width=8, height=6))
+
     picture = {"width": "count?", "height": "count?", "fov": "number?", "method": "word"}
     small = {"width": 8, "height": 6}
     calls = [
@@ -294,6 +299,15 @@ def calls_of_python(folder: Path) -> list[Call]:
         Call("write_bop", bop, {"scenes": scene, "views": views, **small},
              {"views": "views", **picture, "split": "word", "background": "words"}),
         Call("write_frames", written, {}, {"unit": "number?"}),
+        Call("write_frames", placed, {"folder": "frames"}, {"folder": "path"}),
+        Call("PartialCloud.save", zo.occlude(cube, **at, n_points=20).save, {"path": "cloud.ply"}, {"path": "path"}),
+        Call("Scan.save", zo.scan(cube, sensor, pose).save, {"path": "scan.pcd"}, {"path": "path"}),
+        Call("read_intrinsics", zo.sensors.read_intrinsics, {"path": "camera.json"}, {"path": "path"}),
+        Call("read_trajectory", zo.sensors.read_trajectory, {"path": "drive.txt"}, {"path": "path"}),
+        Call("read_rig", zo.sensors.read_rig, {"path": "rig.yaml"}, {"path": "path"}),
+        Call("from_csv", zo.views.from_csv, {"path": "views.csv"}, {"path": "path", "distance": "number"}),
+        Call("from_json", zo.views.from_json, {"path": "cameras.json"}, {"path": "path"}),
+        Call("from_colmap", zo.views.from_colmap, {"path": "images.txt"}, {"path": "path"}),
         Call("visible_faces", zo.visible_faces, {"scene": cube, "eyes": eye, "n_points": 50},
              {"scene": "scene", "eyes": "eyes", "points_per_face": "count", "n_points": "count", "seed": "seed",
               "exactly": "flag", "method": "word", "contact": "number"}),
@@ -353,7 +367,8 @@ def calls_of_python(folder: Path) -> list[Call]:
              {"mesh": cube, "scans": [zo.scan(cube, sensor, pose).points], "sensor": sensor, "sensor_pose": pose},
              {"mesh": "mesh", "sensor": "sensor", "sensor_pose": "matrix", "tolerance": "number?", "slack": "number?",
               "depth_unit": "number", "refine": "flag", "method": "word?", "seed": "count"}),
-        Call("MeshCollection", zo.MeshCollection.from_paths, {"paths": [path]}, {"up": "word?", "colors": "flag"}),
+        Call("MeshCollection", zo.MeshCollection.from_paths, {"paths": path},
+             {"paths": "path", "up": "word?", "colors": "flag"}),
         Call("Mesh.transformed", cube.transformed, {"scale": 2.0}, {"scale": "number", "translation": "vector"}),
     ]  # fmt: skip
     with contextlib.suppress(ImportError):
@@ -496,7 +511,7 @@ def tries(values: int, random: int, only: Iterable[str], folder: Path) -> Iterab
 
 
 def write_inputs() -> None:
-    """Write a cube, a scan of it, and a table with its box, into the current folder."""
+    """Write a cube, a scan of it, a table with its box, cameras, a drive and a rig, into the current folder."""
     import zbuf_occlude as zo
     from zbuf_occlude.sensors import look_at
 
@@ -505,6 +520,12 @@ def write_inputs() -> None:
     np.save("scan.npy", zo.scan("cube.off", CAMERA, pose).points)
     np.save("points.npy", zo.sample_surface("cube.off", n_points=100).positions)
     Path("boxes.csv").write_text("file,label,x,y,z,length,width,height\npoints.npy,Car,.5,.5,.5,2,2,2\n")
+    Path("camera.json").write_text('{"fx": 9, "fy": 9, "cx": 4, "cy": 3, "width": 8, "height": 6, "depth_scale": 1}')
+    Path("cameras.json").write_text('{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}')
+    Path("views.csv").write_text("azimuth,elevation\n30,20\n")
+    Path("images.txt").write_text("1 1 0 0 0 0 0 5 1 a.png\n\n")
+    Path("drive.txt").write_text("0 0 0 0 0 0 0 1\n1 15 0 0 0 0 0 1\n")
+    Path("rig.yaml").write_text("sensors: [{name: top, sensor: vlp-16}]")
 
 
 def shown(value: Any) -> str:
@@ -519,8 +540,10 @@ def main(*, values: int = 1000, random: int = 0, only: Sequence[str] = ()) -> in
     counts: Counter[str] = Counter()
     n_faults = 0
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
+        os.mkdir("here")  # ../x is inside the temporary folder, too
+        os.chdir("here")
         write_inputs()
-        for what, attempt in tries(values, random, only, Path(name)):
+        for what, attempt in tries(values, random, only, Path.cwd()):
             begun = time.process_time()
             outcome = attempt()
             if (took := time.process_time() - begun) > SLOW and not what.startswith("sound"):  # these compile

@@ -62,7 +62,7 @@ def lacking(thing: str) -> str:
                 cure = f"pip install 'zbuf-occlude[{EXTRAS[thing]}]'" if thing in EXTRAS else ""
                 if thing in DEBIAN:
                     cure = f"Debian: apt-get install {DEBIAN[thing]}"
-                return f"{thing} cannot be loaded here: {found} ({cure})"
+                return f"{thing} cannot be loaded here: {found}" + f" ({cure})" * ("apt-get install" not in found)
     return ""
 
 

@@ -14,6 +14,9 @@ FRAGMENT = re.compile(
 )
 """First words of a docstring that names nothing and says nothing: a noun phrase or a verb begins it."""
 
+REFUSED = re.compile(r"\b(coolie|master/slave|blacklist|whitelist)\b", re.IGNORECASE)
+"""Words that insult somebody."""
+
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the line and the text of each docstring of a file, those under constants and fields too."""
@@ -50,3 +53,15 @@ def test_docstrings_begin_with_a_noun_phrase_or_a_verb() -> None:
         if FRAGMENT.match(text)
     ]
     assert fragments == []
+
+
+def test_no_word_insults() -> None:
+    root = PACKAGE.parent
+    texts = [path for folder in ("zbuf_occlude", "shaders", "docs") for path in (root / folder).rglob("*")]
+    found = [
+        f"{path.name}: {match[0]}"
+        for path in [root / "README.md", *texts]
+        if path.suffix in {".py", ".md", ".yaml", ".json", ".comp", ".glsl", ".html"}
+        for match in REFUSED.finditer(path.read_text())
+    ]
+    assert found == []

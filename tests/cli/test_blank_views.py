@@ -110,21 +110,22 @@ def test_a_sensor_s_least_range_cuts_an_object(run: Run, tmp_path: Path) -> None
     assert "nearer" not in clear.out
 
 
-def test_objects_that_a_layout_leaves_out_are_named(run: Run, tmp_path: Path) -> None:
-    """A plate's edge is met by no ray, from two of four sides."""
+@pytest.mark.parametrize(("format", "n_views"), [("frames", 4), ("pcn --points 16384", 8)])
+def test_objects_that_a_layout_leaves_out_are_named(run: Run, tmp_path: Path, format: str, n_views: int) -> None:
+    """A plate's edge is met by no ray, from two of the sides."""
     cube = box()
     write_off(tmp_path / "meshes" / "a" / "cube.off", cube.vertices, cube.faces)
     write_off(tmp_path / "meshes" / "b" / "plate.off", ACROSS, HALVES)
-    of_views = "--views ring:4@0 --size file --method exact --workers 1 --set-sensor noise=0"
+    of_views = f"--views ring:{n_views}@0 --size file --method exact --workers 1 --set-sensor noise=0"
     line = (
-        f"generate meshes --sensor pinhole:width=40,height=40,fov=60 --range 3 {of_views} --format frames --out frames"
+        f"generate meshes --sensor pinhole:width=40,height=40,fov=60 --range 3 {of_views} --out out --format {format}"
     )
     outcome = run(line)
-    left_out = manifest(tmp_path / "frames")["left_out"]
-    assert left_out == {"b/plate.off": "view 1: no ray of pinhole meets it"}
-    assert "1 mesh left out:\n  b/plate.off: view 1: no ray of pinhole meets it" in outcome.out
+    left_out, reason = manifest(tmp_path / "out")["left_out"], f"view {n_views // 4}: no ray of pinhole meets it"
+    assert left_out == {"b/plate.off": reason}
+    assert f"1 mesh left out:\n  b/plate.off: {reason}" in outcome.out
     assert "of 1 mesh, " in outcome.out
-    assert manifest(tmp_path / "frames")["blank_views"]["b/plate.off"]["n_views"] == 2
+    assert manifest(tmp_path / "out")["blank_views"]["b/plate.off"]["n_views"] == 2
 
 
 def test_an_object_without_any_cloud_is_named_in_every_format(run: Run, tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_one_cloud_in_python(root: Path, tmp_path: Path) -> None:
     assert model.predict(1000.0 * cloud) == "tall", "in any unit"
     far = model.probabilities(cloud + np.array([5e5, 5.4e6, 100.0]))
     assert far == pytest.approx(shares, abs=1e-4), "georeferenced"
-    with pytest.raises(zo.ArgumentError, match="folder must be a path; it is None"):
+    with pytest.raises(zo.ArgumentError, match="folder must be a path; got None"):
         zo.load_classifier(None)  # type: ignore[arg-type]
     with pytest.raises(zo.ArgumentError, match="points must be"):
         model.predict(np.zeros((0, 3)))

@@ -56,6 +56,10 @@ def test_a_csv_has_all_digits(run: Run, tmp_path: Path) -> None:
     for suffix in ("npy", "csv"):
         run(f"visible far.off --elevation=60 --method=oracle --points=50 --out c.{suffix}")
     assert np.array_equal(np.load("c.npy"), np.loadtxt("c.csv", delimiter=",", skiprows=1))
+    run("views far.off --views ring:3@60 --coverage --points 50 --out v.csv")
+    written = np.genfromtxt("v.csv", delimiter=",", names=True)
+    about = zo.views.for_mesh(zo.Mesh(corners, [[0, 1, 2]]), "ring:3@60").eyes[written["view"].astype(int)]
+    assert np.array_equal(np.stack([written[axis] for axis in "xyz"], axis=1), about)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])

@@ -155,13 +155,13 @@ def test_classes_ranges_and_least_points(tmp_path: Path) -> None:
         ({"classes": ["car"]}, r"classes must be a dict.*it is \['car'\]"),
         ({"classes": {"car": 5}}, "a class must have a name and labels; 'car' has 5"),
         ({"classes": {5: "Car"}}, "a class must have a name and labels; 5 has 'Car'"),
-        ({"out": 5}, "out must be a path; it is 5"),
+        ({"out": 5}, "out must be a path; got 5"),
         ({"frame": "world"}, "frame must be one of object, sensor"),
         ({"classes": {"car": []}}, "a class must have a name and labels"),
     ):
         with pytest.raises((zo.ArgumentError, zo.OptionError), match=words):
             crop_objects(source, **options)  # type: ignore[arg-type]
-    with pytest.raises(zo.ArgumentError, match="source must be a path; it is None"):
+    with pytest.raises(zo.ArgumentError, match="source must be a path; got None"):
         crop_objects(None)  # type: ignore[arg-type]
 
 

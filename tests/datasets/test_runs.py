@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import zbuf_occlude
 from tests.cli.conftest import write_off
 from tests.datasets.test_generate import files
 from tests.scenes import box
@@ -25,6 +26,7 @@ FORMATS = {
     "ply": SMALL,
     "epn3d": "--limit 4 --method exact --points 2048 --workers 1",
     "pairs": "--limit 2 --method exact --points 2048 --sample-size 64 --views fibonacci:8 --workers 1",
+    "mvp": "--limit 2 --method exact --points 2048 --workers 1",
 }
 """One that is written at once, and exports from both formats that layouts are made from."""
 
@@ -70,7 +72,7 @@ def test_of_two_runs_at_once_one_is_refused_or_both_end_whole(tmp_path: Path, fo
     assert refused < 5, "a run that begins when the other has ended finds it done"
 
 
-@pytest.mark.parametrize("format", ["hdf5", "pairs", "modelnet40-c"])
+@pytest.mark.parametrize("format", ["hdf5", "pairs", "modelnet40-c", "mvp"])
 def test_a_file_without_room_ends_a_run_with_one_line(tmp_path: Path, format: str) -> None:
     """No file may grow beyond a limit, as on a full disk; HDF5 and memory maps would end the process by a signal."""
     line = f"generate --format {format} {FORMATS.get(format, SMALL)} --out"
@@ -90,6 +92,14 @@ def test_a_file_without_room_ends_a_run_with_one_line(tmp_path: Path, format: st
     assert "Traceback" not in err
     command(tmp_path, f"{line} out")
     assert files(tmp_path / "out") == files(tmp_path / "alone")
+
+
+def test_no_file_of_a_dataset_is_written_through_a_memory_map() -> None:
+    """On a full disk a memory map ends the process by SIGBUS, and HDF5 on a file by SIGSEGV."""
+    sources = sorted((Path(zbuf_occlude.__file__).parent / "datasets").rglob("*.py"))
+    writing = re.compile(r"memmap|h5py\.File\((?!disk, )[^)]*, *\"[wa]")
+    assert sources
+    assert [path.name for path in sources if writing.search(path.read_text())] == []
 
 
 @pytest.mark.parametrize("format", ["hdf5", "epn3d"])
@@ -179,6 +189,12 @@ class TestInputs:
             (folder / "sensor.yaml").write_text(f"kind: spinning\nlasers: [-8, 0, 8]\n{numbers}")
         else:
             np.savetxt(folder / "drive.txt", [[0, 0, 0, 0, 0, 0, 0, 1], [1, number, 0, 0, 0, 0, 0, 1]])
+
+    def test_verify_names_a_mesh_of_the_scene_that_was_changed_since(self, folder: Path) -> None:
+        command(folder, self.LINE.replace("V", "ring:2@20") + " --scene scene.json --sample-size 64 --out out")
+        command(folder, "verify out ball.off --samples 2")
+        self.change(folder, "mesh of the scene", 4)
+        assert "wall.off" in command(folder, "verify out ball.off --samples 2", code=1)
 
     @pytest.mark.parametrize("changed", ["mesh of the scene", "scene", "cameras", "sensor", "trajectory"])
     def test_a_changed_input_is_refused(self, folder: Path, changed: str) -> None:

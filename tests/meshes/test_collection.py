@@ -575,7 +575,7 @@ def test_no_val_where_its_share_is_nothing() -> None:
     found = entries(*((f"{i}", "a", "train") for i in range(200))).divided((0.5, 0, 0.5))
     assert {entry.split for entry in found} == {"train", "test"}
     for shares in ((0.8, 0.2), (0.8, 0.1, 0.2), (1.2, -0.1, -0.1), (float("nan"), 0, 1)):
-        with pytest.raises(OptionError, match="shares of train, val and test with the sum 1"):
+        with pytest.raises(OptionError, match="three shares, of train, val and test"):
             found.divided(shares)
     with pytest.raises(OptionError, match="for meshes without splits; these have train, test"):
         found.divided((0.8, 0.1, 0.1))

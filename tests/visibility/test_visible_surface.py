@@ -40,7 +40,7 @@ def test_of_a_box_three_faces_and_seven_vertices_are_seen() -> None:
     mesh, eye = box(), np.array([[9.0, 7.0, 5.0]])
     towards = mesh.corners.mean(axis=1).max(axis=1) > 0.49  # of the sides at +0.5
     assert (visible_faces(mesh, eye, n_points=100).fraction[0] == towards).all()
-    assert visible_vertices(mesh, eye).shape == (1, 8)
+    assert visible_vertices(mesh, eye).shape == visible_vertices(mesh, eye[0]).shape == (1, 8)
     assert visible_vertices(mesh, eye).sum() == 7
     part = visible_mesh(mesh, eye)
     assert set(part.face_ids) == set(np.flatnonzero(towards))

@@ -3,9 +3,11 @@
 import csv
 import io
 import json
+import os
 import reprlib
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.base.arrays import LARGEST, FloatArray
-from zbuf_occlude.base.errors import OptionError, describe, escape_control
+from zbuf_occlude.base.errors import ArgumentError, OptionError, describe, escape_control, shown
 
 MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
@@ -99,8 +101,25 @@ def parse_bool(name: str, value: Any) -> bool:
     return found
 
 
-def read_limited(path: Path) -> bytes:
+def as_path(value: Any, name: str, remedy: str = "Pass a str or a pathlib.Path.") -> Path:
+    """Return a path; raise ArgumentError for anything else."""
+    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
+        raise ArgumentError(f"{name} must be a path; got {shown(value)}. {remedy}")
+    return Path(value)
+
+
+def as_new_path(value: Any, name: str) -> Path:
+    """Return a path to write to; raise ArgumentError for anything else, and for a name that no file can have."""
+    path = as_path(value, name)
+    with suppress(UnicodeEncodeError):  # a lone surrogate
+        if b"\0" not in os.fsencode(path):
+            return path
+    raise ArgumentError(f"{name} must be a name that a file can have; got {shown(value)}.")
+
+
+def read_limited(path: str | os.PathLike[str]) -> bytes:
     """Return the content of a document; raise OptionError if it cannot be read or is too large."""
+    path = as_path(path, "path")
     most = max(MOST_BYTES.values())
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe may never end

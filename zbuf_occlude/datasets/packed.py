@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.base.atomic import FileDigest, reading
+from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import DatasetError, check_choice
 from zbuf_occlude.datasets.folder import read_finished
 from zbuf_occlude.datasets.pipeline import Sampling, standing_points
@@ -475,13 +476,14 @@ class PackedDataset(Sequence[PackedCloud]):
     """
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
-        plan, manifest = read_finished(Path(folder))
+        folder = as_path(folder, "folder")
+        plan, manifest = read_finished(folder)
         if plan.format != "packed":
             raise DatasetError(f"{folder} must be in the format packed; it is in {plan.format}.")
         files = manifest["files"]
         if split is not None:
             check_choice("split", split, files)
-        self.archives = PackedFiles(plan, Path(folder), files)
+        self.archives = PackedFiles(plan, folder, files)
         splits = np.array([entry.split for entry in plan.meshes])[self.archives.ids["mesh_id"]]
         self.numbers: Numbers = np.flatnonzero(splits == split) if split else np.arange(len(splits))
 

@@ -1,7 +1,6 @@
 """Cloud: base of the public point clouds, with conversion to arrays, files and other libraries' clouds."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.base import atomic, point_files
 from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.documents import as_new_path
 from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.geometry.colors import Bytes
@@ -63,7 +63,7 @@ class Cloud:
         OSError
             The file cannot be written.
         """
-        path = Path(path)
+        path = as_new_path(path, "path")
         suffix = path.suffix.lower()
         if suffix not in SUFFIXES:
             raise OptionError(f"a cloud's file must end in {', '.join(SUFFIXES)}; got {path.name!r}.")

@@ -13,6 +13,7 @@ from typing import Any, overload
 import numpy as np
 
 from zbuf_occlude.base.arrays import as_flag
+from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, MeshError, OptionError, check_choice, escape_control
 from zbuf_occlude.base.provenance import UNKNOWN, MeshSource, seed_of
 from zbuf_occlude.geometry.mesh import Mesh, check_frame
@@ -181,13 +182,13 @@ class MeshCollection(Sequence[MeshEntry]):
         """
         check_frame(up, unit)
         colors = as_flag(colors, "colors")
-        given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+        given = [paths] if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) else list(paths)
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")
         entries: dict[str, MeshEntry] = {}
         remarks: list[str] = []
         known: set[str] = set()
-        for path in map(Path, given):
+        for path in [as_path(each, "a path of meshes") for each in given]:
             tree = tree_at(path)
             layout, (meshes, notes) = recognise(tree)
             if not tree.single:
@@ -217,7 +218,7 @@ class MeshCollection(Sequence[MeshEntry]):
         OptionError
             The file cannot be read, no label matches a mesh, or a label matches several.
         """
-        labels = read_labels(Path(path))
+        labels = read_labels(as_path(path, "path"))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
         if not found:
             raise OptionError(
@@ -266,7 +267,7 @@ class MeshCollection(Sequence[MeshEntry]):
         given = [float(share) for share in shares]
         if len(given) != len(SPLITS) or not (min(given) >= 0.0 and abs(sum(given) - 1.0) < 1e-6):
             shown = ",".join(f"{share:g}" for share in given)
-            raise OptionError(f"--split must be shares of train, val and test with the sum 1; got {shown}.")
+            raise OptionError(f"--split must be three shares, of train, val and test, with the sum 1; got {shown}.")
         if (splits := {entry.split for entry in self}) - {"train"}:  # meshes without splits are all in train
             present = ", ".join(split for split in SPLITS if split in splits)
             raise OptionError(f"--split is for meshes without splits; these have {present}. Leave it out.")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.base.arrays import LARGEST, FloatArray, as_flag
+from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, MeshError, describe, escape_control, shown
 from zbuf_occlude.base.provenance import MeshSource
 from zbuf_occlude.geometry.colors import SurfaceColors
@@ -106,9 +107,7 @@ def load_mesh(
     times the file's size, whatever a header declares; a glTF scene may repeat its meshes to a million triangles and a
     gigabyte. Files of 100,000 faces take 0.1 to 1 s, compressed glTF longer.
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise ArgumentError(f"path must be a path; got {type(path).__name__}. A mesh of trimesh: Mesh.from_trimesh.")
-    path = Path(path)
+    path = as_path(path, "path", "A mesh of trimesh: Mesh.from_trimesh.")
     check_frame(up, unit)
     if not isinstance(name, str | None):
         raise ArgumentError(f"name must be a word; got {shown(name)}.")
@@ -154,7 +153,7 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
     MeshError
         The file is missing or damaged, or a point is not finite. The message names the file.
     """
-    path = Path(path)
+    path = as_path(path, "path")
     suffix = path.suffix.lower()
     if suffix not in _CLOUD_SUFFIXES:
         return None

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_number
+from zbuf_occlude.base.documents import as_new_path
 from zbuf_occlude.base.errors import ArgumentError, escape_control, shown
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.base.provenance import generator
@@ -146,10 +147,9 @@ def write_bop(
         if not _foreground(scene, background):
             words = ", ".join(scene.labels)
             raise ArgumentError(f"scene {number} must have an object beside the background; it has {words}.")
-    if older := [name for name in ("models", "camera.json", split) if (Path(folder) / name).exists()]:
-        raise ArgumentError(
-            f"a BOP folder must be new; {os.fspath(folder)} has {', '.join(older)}. Remove them, or give another."
-        )
+    folder = as_new_path(folder, "folder")
+    if older := [name for name in ("models", "camera.json", split) if (folder / name).exists()]:
+        raise ArgumentError(f"a BOP folder must be new; {folder} has {', '.join(older)}. Remove them, or give another.")
     rng = generator(seed)
     size: dict[str, Any] = {"width": width, "height": height, "fov": fov}
     writer = BopWriter(folder, background=background, unit=unit, method=method, **options)
@@ -184,7 +184,8 @@ class BopWriter:
         if unit is not None:
             unit = as_number(unit, "unit", "a length above 0", lambda length: length > 0.0)
         self._unit = unit
-        self._folder, self._background, self._method, self._options = Path(folder), background, method, options
+        self._folder, self._background = as_new_path(folder, "folder"), background
+        self._method, self._options = method, options
         self._models, self._info, self._names = list[Mesh](), dict[str, Any](), list[str]()
 
     def write_scene(self, subfolder: str, images: Iterable[tuple[Scene, Frame]]) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.base.documents import Number, parse_document, read_limited
+from zbuf_occlude.base.documents import Number, as_path, parse_document, read_limited
 from zbuf_occlude.base.errors import OccludeError, OptionError, escape_control
 from zbuf_occlude.views.cameras import INTRINSICS, colmap_rows, intrinsics_of_matrix, intrinsics_of_row
 
@@ -50,7 +50,7 @@ def read_intrinsics(path: str | Path) -> dict[str, float]:
     >>> zo.sensors.make("realsense-d435", **zo.sensors.read_intrinsics("camera.json")).intrinsics[0].tolist()
     [600.0, 0.0, 320.0]
     """
-    path = Path(path)
+    path = as_path(path, "path")
     where = escape_control(str(path))
     try:
         given, shift = _read(path)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, as_flag, as_number
+from zbuf_occlude.base.documents import as_new_path
 from zbuf_occlude.base.errors import ArgumentError, OptionError, check_int
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.base.jit.compiler import njit
@@ -562,7 +563,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     >>> zo.write_frames("chair", zo.frames("chair.off", views, width=64, height=64))[:3]
     ['000.png', '000_depth.png', '000_mask.png']
     """
-    folder = Path(folder)
+    folder = as_new_path(folder, "folder")
     if unit is not None:
         as_number(unit, "unit", "a length above 0", lambda length: length > 0.0)
     if folder.is_dir() and (older := sorted(path.name for path in folder.iterdir() if _WRITTEN.fullmatch(path.name))):

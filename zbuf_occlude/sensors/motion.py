@@ -16,7 +16,7 @@ from zbuf_occlude.base.arrays import (
     set_readonly,
     shape_and_dtype,
 )
-from zbuf_occlude.base.documents import read_limited
+from zbuf_occlude.base.documents import as_path, read_limited
 from zbuf_occlude.base.errors import ArgumentError, DatasetError, describe, escape_control
 from zbuf_occlude.geometry.camera import as_rigid, rotations_of, unit_quaternions
 from zbuf_occlude.sensors.rays import Rays
@@ -205,7 +205,7 @@ def read_trajectory(path: str | Path) -> FloatArray:
     >>> zo.sensors.read_trajectory("drive.txt").shape
     (2, 8)
     """
-    path = Path(path)
+    path = as_path(path, "path")
     name = escape_control(str(path))
     try:
         lines = read_limited(path).decode("utf-8", "replace").splitlines()

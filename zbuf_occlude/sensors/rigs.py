@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.base.arrays import FloatArray
-from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
+from zbuf_occlude.base.documents import Number, as_path, parse_document, parse_line, read_limited
 from zbuf_occlude.base.errors import OptionError, check_choice, escape_control
 from zbuf_occlude.sensors.catalog import SUFFIXES, make
 from zbuf_occlude.sensors.sensor import Sensor
@@ -82,7 +82,7 @@ def read_rig(path: str | Path) -> Rig:
     >>> zo.sensors.read_rig("rig.yaml")[0].name
     'top'
     """
-    path = Path(path)
+    path = as_path(path, "path")
     where, document = escape_control(str(path)), parse_document("YAML", read_limited(path), path)
     given = document.get("sensors") if isinstance(document, dict) and set(document) == {"sensors"} else None
     if not isinstance(given, list) or not given:

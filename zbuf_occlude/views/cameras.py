@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.base.arrays import FloatArray
-from zbuf_occlude.base.documents import Number, parse_document, read_limited
+from zbuf_occlude.base.documents import Number, as_path, parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
-from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views
+from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views, as_distance
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """Matrix from OpenCV's eye space to OpenGL's."""
@@ -78,7 +78,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     >>> zo.views.from_csv("views.csv").distance.tolist()
     [3.0]
     """
-    columns, where = parse_document("CSV", read_limited(Path(path)), path), escape_control(str(path))
+    columns, where = parse_document("CSV", read_limited(path), path), escape_control(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
         rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return _views(Path(path), rows, _camera_from_row)
@@ -88,7 +88,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
             f"{where} must have the columns azimuth,elevation[,distance]; found: {found:.200}. "
             f"(Cameras: r11,...,r33,t1,t2,t3[,{','.join(INTRINSICS)}].)"
         )
-    defaults = {"azimuth": "", "elevation": "", "roll": 0.0, "distance": distance}
+    defaults = {"azimuth": "", "elevation": "", "roll": 0.0, "distance": as_distance(distance)}
     given = {name: columns.get(name, [""] * len(columns["azimuth"])) for name in defaults}
     azimuth, elevation, roll, distances = (
         np.array(_VIEWS[name].read(f"{name} in {where}", [word or default for word in given[name]]))
@@ -97,7 +97,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     return Views(np.radians(azimuth), np.radians(elevation), distances, roll=np.radians(roll))
 
 
-def from_json(path: Path) -> Views:
+def from_json(path: str | Path) -> Views:
     """Read cameras: NeRF's transforms.json; or objects with R, t and optionally K, width, height, in a list or lines.
 
     Raises
@@ -109,9 +109,10 @@ def from_json(path: Path) -> Views:
     --------
     >>> from pathlib import Path
     >>> n_written = Path("camera.json").write_text('{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}')
-    >>> zo.views.from_json(Path("camera.json")).eyes.tolist()
+    >>> zo.views.from_json("camera.json").eyes.tolist()
     [[0.0, 0.0, -5.0]]
     """
+    path = as_path(path, "path")
     data = read_limited(path)
     if path.suffix.lower() == ".jsonl":
         data = b"[" + b",".join(line for line in data.removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()) + b"]"
@@ -124,7 +125,7 @@ def from_json(path: Path) -> Views:
     return _views(path, document, _camera_from_object)
 
 
-def from_colmap(path: Path) -> Views:
+def from_colmap(path: str | Path) -> Views:
     """Read COLMAP's images.txt or .bin and the cameras file beside it: pinhole models without distortion.
 
     Raises
@@ -136,9 +137,10 @@ def from_colmap(path: Path) -> Views:
     --------
     >>> from pathlib import Path
     >>> n_written = Path("images.txt").write_text("1 1 0 0 0 0 0 5 1 a.png\\n\\n")
-    >>> zo.views.from_colmap(Path("images.txt")).distance.tolist()
+    >>> zo.views.from_colmap("images.txt").distance.tolist()
     [5.0]
     """
+    path = as_path(path, "path")
     beside = path.with_name(f"cameras{path.suffix}")
     models = {f"camera {row[0]}": row for row in colmap_rows(beside)} if beside.exists() else {}
     if beside.exists() and not models:

@@ -15,6 +15,7 @@ from zbuf_occlude.base.arrays import (
     ReadOnlyArrays,
     as_array,
     as_indices,
+    as_number,
     readonly_copy,
 )
 from zbuf_occlude.base.errors import ArgumentError, escape_control
@@ -284,6 +285,11 @@ def check_views(name: str, value: Any) -> None:
         raise ArgumentError(
             f"{name} must be Views; got {type(value).__name__}. Make some: views.for_mesh(mesh, 'ring:8@30')."
         )
+
+
+def as_distance(value: float) -> float:
+    """Return a distance of an eye from its target, longest sides; raise ArgumentError unless it is above 0."""
+    return as_number(value, "distance", "a positive number", lambda number: number > 0.0)
 
 
 def _as_floats(values: ArrayLike) -> FloatArray:

@@ -16,7 +16,7 @@ from zbuf_occlude.base.errors import OptionError, check_int, did_you_mean, shown
 from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.views import cameras
-from zbuf_occlude.views.model import PAPER_DISTANCE, Views
+from zbuf_occlude.views.model import PAPER_DISTANCE, Views, as_distance
 
 MAX_VIEWS = 1_000_000
 """Maximum number of views: a mistyped specification must not fill the memory."""
@@ -57,7 +57,7 @@ def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTAN
             as_number(roll, "roll", "a number, degrees"),
         ]
     )
-    return Views(radians[:1], radians[1:2], np.array([_away(distance)]), roll=radians[2:])
+    return Views(radians[:1], radians[1:2], np.array([as_distance(distance)]), roll=radians[2:])
 
 
 def paper100(distance: float = PAPER_DISTANCE) -> Views:
@@ -109,7 +109,9 @@ def ring(
     if not isinstance(elevation, Sequence):
         return _product(np.asarray(_band((elevation, elevation))[:1]), n_views, azimuth, distance)
     azimuths = _spaced(n_views, azimuth)
-    return Views(azimuths, _drawn_elevations(len(azimuths), elevation, generator(seed)), np.asarray(_away(distance)))
+    return Views(
+        azimuths, _drawn_elevations(len(azimuths), elevation, generator(seed)), np.asarray(as_distance(distance))
+    )
 
 
 def grid(
@@ -152,7 +154,7 @@ def fibonacci(
     low, high = np.sin(_band(elevation))
     elevations = np.arcsin(high - (high - low) / 2.0 * ((2.0 * index + 1.0) / n_views))
     azimuth = (index * np.pi * (3.0 - np.sqrt(5.0))) % (2 * np.pi)
-    return Views(azimuth, elevations, np.asarray(_away(distance)))
+    return Views(azimuth, elevations, np.asarray(as_distance(distance)))
 
 
 def random(
@@ -174,7 +176,7 @@ def random(
     """
     rng = generator(seed)
     elevations = _drawn_elevations(_positive(n_views, "n_views"), elevation, rng)
-    return Views(rng.uniform(*_sector(azimuth), n_views), elevations, np.asarray(_away(distance)))
+    return Views(rng.uniform(*_sector(azimuth), n_views), elevations, np.asarray(as_distance(distance)))
 
 
 def drive(
@@ -217,7 +219,7 @@ def drive(
     elevations = _drawn_elevations(_positive(n_views, "n_views"), elevation, rng)
     turn = rng.uniform(0.0, 2.0 * np.pi, n_views)
     from_front = np.arctan2(narrow * np.sin(turn), np.cos(turn))
-    return Views(np.remainder(from_front - np.pi / 2.0, 2.0 * np.pi), elevations, np.asarray(_away(distance)))
+    return Views(np.remainder(from_front - np.pi / 2.0, 2.0 * np.pi), elevations, np.asarray(as_distance(distance)))
 
 
 def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -> Views:
@@ -235,13 +237,13 @@ def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -
     rng = generator(seed)
     elevation = np.arcsin(rng.uniform(-1, 1, _positive(n_views, "n_views")))
     azimuth, roll = rng.uniform(0, 2 * np.pi, (2, n_views))
-    return Views(azimuth, elevation, np.asarray(_away(distance)), roll=roll)
+    return Views(azimuth, elevation, np.asarray(as_distance(distance)), roll=roll)
 
 
 def _product(elevations: FloatArray, n_azimuths: int, azimuth: tuple[float, float] | None, distance: float) -> Views:
     azimuths = _spaced(n_azimuths, azimuth)
     _positive(len(elevations) * n_azimuths, "the number of views")
-    away = np.asarray(_away(distance))
+    away = np.asarray(as_distance(distance))
     return Views(np.tile(azimuths, len(elevations)), np.repeat(elevations, n_azimuths), away)
 
 
@@ -258,10 +260,6 @@ def _drawn_elevations(n: int, elevation: tuple[float, float], rng: np.random.Gen
     """Return elevations uniform over the sphere between two, degrees."""
     low, high = np.sin(_band(elevation))
     return np.asarray(np.arcsin(np.clip(rng.uniform(low, high, n), -1, 1)))
-
-
-def _away(distance: float) -> float:
-    return as_number(distance, "distance", "a positive number", lambda number: number > 0.0)
 
 
 def _positive(count: int, name: str) -> int:
@@ -406,11 +404,11 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     """
     row, found = _find(spec)
     generator(seed)  # for its error, also where nothing is drawn
-    distance = _away(distance)
+    distance = as_distance(distance)
     views = row.make(found, distance, seed)
     if farthest is None or views.rotations is not None:
         return views
-    farthest = _away(farthest)
+    farthest = as_distance(farthest)
     if not farthest > distance:
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)

@@ -10,7 +10,6 @@ import csv
 import io
 import logging
 import math
-import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,8 +23,8 @@ import numpy as np
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_array, as_number
+from zbuf_occlude.base.documents import as_new_path, as_path
 from zbuf_occlude.base.errors import (
-    ArgumentError,
     DatasetError,
     OptionError,
     check_choice,
@@ -154,7 +153,7 @@ class Crops(Sequence[Crop]):
         if not self.objects:
             left_out = f"left out: {self.reasons}" if self.left_out else "the sweeps have no labelled boxes"
             raise DatasetError(f"there must be an object to write; none is left ({left_out}). Choose wider options.")
-        out = Path(out)
+        out = as_new_path(out, "out")
         check_empty(out)
         text, taken = io.StringIO(newline=""), Counter[str]()
         table = csv.DictWriter(text, FIELDS, lineterminator="\n")
@@ -251,13 +250,11 @@ def crop_objects(
     >>> crop.class_name, len(crop.points)
     ('Car', 500)
     """
-    for name, place in (("source", source), ("out", out)):
-        if not isinstance(place, str | os.PathLike) and (name == "source" or place is not None):
-            raise ArgumentError(f"{name} must be a path; it is {shown(place)}.")
+    source, out = as_path(source, "source"), None if out is None else as_new_path(out, "out")
     cutter = _Cutter(_checked_classes(classes), least_points, margin, ground, range, frame, distinct)
     if out is not None:
-        check_empty(Path(out))
-    layout, loaders = find_sweeps(Path(source))
+        check_empty(out)
+    layout, loaders = find_sweeps(source)
     if not layout.has_ground:
         cutter.ground = None
     objects, labels, failures = list[Crop](), Counter[str](), list[str]()
@@ -281,7 +278,7 @@ def crop_objects(
     cutter.warn_of_empty_classes(labels)
     found = Crops(layout.name, objects, cutter.left_out, len(loaders) - len(failures), failures)
     if out is not None:
-        found.save(Path(out))
+        found.save(out)
     return found
 
 

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from zbuf_occlude.base.arrays import as_flag
+from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import DatasetError, OptionError, check_choice
 from zbuf_occlude.datasets.folder import read_plan
 from zbuf_occlude.datasets.formats import find_format
@@ -36,7 +36,7 @@ class _Opened:
     """One split of a dataset; each process that reads it opens it."""
 
     def __init__(self, folder: str | os.PathLike[str], split: str) -> None:
-        self.folder, self.split = Path(folder), split
+        self.folder, self.split = as_path(folder, "folder"), split
         check_choice("split", split, self.source.order)
         self.classes, self.numbers = self.source.plan.classes, self.source.order[split]
 

@@ -54,7 +54,9 @@ def run_local(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits
 
 
 def start_server() -> None:
-    """Start the fork server where there is none."""
+    """Start the fork server where there is none and workers are forked; it imports while the coordinator goes on."""
+    if _start_method() != "forkserver":
+        return
     forkserver.set_forkserver_preload(list(PRELOAD))
     resource_tracker.ensure_running()  # the server would start it, and that lets interrupts through again
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what an interrupt means, the coordinator decides
@@ -86,8 +88,7 @@ class LocalWorker:
         environment = {"LP_NUM_THREADS": str(n_threads if n_threads > 1 else 0), **os.environ}
         arguments = (theirs, pickled, device_index, n_threads, environment)
         for attempt in range(SERVERS):
-            if _start_method() == "forkserver":
-                start_server()
+            start_server()
             self.process: Any = context.Process(target=_run_worker, args=arguments, daemon=True)
             try:
                 with held():  # the process would read half of what it is to be

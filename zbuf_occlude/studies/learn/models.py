@@ -4,10 +4,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zbuf_occlude.base.errors import ArgumentError, OptionError, shown
+from zbuf_occlude.base.documents import as_path
+from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.base.extras import importing
 
 if TYPE_CHECKING:
@@ -87,12 +87,11 @@ def load_classifier(folder: str | os.PathLike[str], device: str = "auto") -> "Tr
     >>> model.predict(zo.occlude("chair.off", azimuth=30, elevation=20, n_points=256).points)
     'chair'
     """
-    if not isinstance(folder, str | os.PathLike):
-        raise ArgumentError(f"folder must be a path; it is {shown(folder)}.")
+    folder = as_path(folder, "folder")
     require_torch()
     from zbuf_occlude.studies.learn.training import load_trained  # late: imports PyTorch
 
-    return load_trained(Path(folder), device)
+    return load_trained(folder, device)
 
 
 def require_torch() -> None:
