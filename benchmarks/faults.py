@@ -43,6 +43,8 @@ _PIXELS = ["--limit", "4", "--views", "ring:4@30", "--set-sensor", "width=96", "
 SMALL = {
     "frames": _PIXELS,
     "bop": _PIXELS,
+    "organized-pcd": _PIXELS,
+    "mcap": _PIXELS,
     "kitti": ["--limit", "1", "--views", "ring:2@0", "--set-sensor", "columns=200"],
     "pcn": ["--limit", "4", "--points", "16384", "--sample-size", "512"],
     "completion3d": ["--limit", "8", "--points", "2048"],

@@ -22,7 +22,7 @@ from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.views.model import AXES, MOST_PIXELS, with_axes
-from zbuf_occlude.visibility import check_keywords, find_method, prepare
+from zbuf_occlude.visibility import check_keywords, compile_ahead, find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 N_POINTS = 2048
@@ -179,6 +179,7 @@ def occlude(
     check_choice("frame", frame, FRAMES)
     check_choice("axes", axes, AXES)
     check_keywords(occlude, method, options)
+    compile_ahead(method, rays=sensor is not None)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
@@ -250,6 +251,7 @@ def depth_image(
     """
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
+    compile_ahead(method, rays=True)
     mesh = as_mesh(mesh, up=up, unit=unit)
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:

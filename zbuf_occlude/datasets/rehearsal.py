@@ -24,12 +24,12 @@ from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import ScanConfig
-from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility import compile_ahead, find_method, prepare
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
-N_FUNCTIONS = {"depth_buffer": 59, "exact": 163, "exact-scans": 253}
-"""Approximate number of functions that `warm_up_jit` compiles for each kind of job, for the progress bar."""
+N_FUNCTIONS = {"depth_buffer": 86, "exact": 112, "exact-scans": 232}
+"""Approximate number of functions that `warm_up_jit` compiles in this process, of two, for the progress bar."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
 
@@ -80,6 +80,8 @@ def n_functions(config: DatasetConfig) -> int | None:
 
 def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
+    if not config.complete:
+        compile_ahead(config.method, rays=config.scan is not None)
     small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if config.scan is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}

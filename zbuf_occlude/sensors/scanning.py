@@ -29,7 +29,7 @@ from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.second_camera import select_triangulated
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, check_keywords, find_method
+from zbuf_occlude.visibility import METHODS, check_keywords, compile_ahead, find_method
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 CASTERS = ("exact", "embree", "oracle")
@@ -138,6 +138,8 @@ def scan(
         if given is not None and not isinstance(given, VisibilityQuery):
             raise ArgumentError(f"{name} must be a VisibilityQuery, made by prepare; got {type(given).__name__}.")
     sensor = make(sensor)
+    if occluder is None:
+        compile_ahead(method or default_caster(), rays=True)
     scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if range is not None:
         if pose is not None:

@@ -133,6 +133,18 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
             )
 
 
+def compile_ahead(method: str, *, rays: bool = False) -> None:
+    """Start to compile in a second process what answers for points, or for rays, where nothing has been compiled yet.
+
+    This process compiles the rest meanwhile. Other methods than `exact` have little to compile.
+    """
+    if method == "exact":
+        from zbuf_occlude.engines.exact.rays import first_hits_compiler  # late: imports numba
+        from zbuf_occlude.engines.exact.search import search_compiler
+
+        (first_hits_compiler if rays else search_compiler).start()
+
+
 def prepare(
     mesh: MeshLike | SurfacePoints,
     method: str = "depth_buffer",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.arrays import FloatArray, IntArray, set_readonly
 from zbuf_occlude.base.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import (
@@ -94,12 +94,23 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
     n_leaves += n_blocks(len(order) - n_short, LEAF)
     n_runs = n_blocks(n_short, RUN_FACES) + n_blocks(len(order) - n_short, RUN_FACES)
     leaf_boxes = aligned(n_leaves * ROW)
-    bvh = Bvh(
-        centre=np.array(mesh.centre),
+    bvh = new_bvh(mesh.vertices, mesh.faces, mesh.centre, scale, contact, n_leaves)
+    bvh.rows[left_out] = bvh.rows[-1] = -1
+    parallel_for(_fill_runs, n_blocks(n_runs, THREAD_RUNS), bvh, order, n_short, leaf_boxes, own=_new_scratch)
+    boxes, children, n_children, depth = _grow(leaf_boxes)
+    return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
+
+
+def new_bvh(
+    vertices: FloatArray, faces: IntArray, centre: FloatArray, scale: float, contact: float, n_leaves: int
+) -> Bvh:
+    """Allocate the hierarchy of a mesh, without nodes."""
+    return Bvh(
+        centre=np.array(centre),
         scale=scale,
         contact=contact * scale,
         face_ids=np.empty((n_leaves, LEAF), dtype=np.int32),
-        rows=np.empty(len(mesh.faces) + 1, dtype=np.int32),
+        rows=np.empty(len(faces) + 1, dtype=np.int32),
         corners=aligned(n_leaves, 3, 3, LEAF),
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
@@ -108,14 +119,16 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         children=np.empty(0, dtype=np.int32),
         n_children=np.empty(0, dtype=np.int32),
         depth=0,
-        vertices=mesh.vertices,
-        faces=mesh.faces,
+        vertices=vertices,
+        faces=faces,
         world_contact=contact,
     )
-    bvh.rows[left_out] = bvh.rows[-1] = -1
-    parallel_for(_fill_runs, n_blocks(n_runs, THREAD_RUNS), bvh, order, n_short, leaf_boxes, own=_new_scratch)
-    boxes, children, n_children, depth = _grow(leaf_boxes)
-    return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
+
+
+def empty_bvh() -> Bvh:
+    """Return the hierarchy of a mesh without faces, whose arrays have the types of any other's."""
+    no_vertices, no_faces = set_readonly(np.empty((0, 3))), set_readonly(np.empty((0, 3), dtype=np.int32))
+    return new_bvh(no_vertices, no_faces, np.zeros(3), 1.0, 0.0, 0)
 
 
 @always_inline

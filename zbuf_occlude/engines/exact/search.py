@@ -8,7 +8,8 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, inlin
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import count_lanes, first_lane, load, load3_wide, load_scalar, not_less, splat
 from zbuf_occlude.base.jit.threads import n_blocks, n_threads, next_task, parallel_for, parallel_kernel, take_block
-from zbuf_occlude.engines.exact.bvh import Bvh
+from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
+from zbuf_occlude.engines.exact.compile_ahead import CompileAhead
 from zbuf_occlude.engines.exact.hide import (
     UNDECIDED,
     classify,
@@ -55,6 +56,7 @@ MAX_SINGLE_POINTS = 5
 
 def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
+    search_compiler.wait()
     packets = make_packets(bvh, points)
     views = project_eyes(bvh, eyes, float(packets.max_magnitude))
     n_eyes, wanted = len(eyes), 4 * n_threads()
@@ -66,6 +68,14 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
     if (views.n_frames > 1).any():
         answer_pairs(bvh, points.positions, points.face_ids, eyes, np.nonzero(answer == UNDECIDED), answer)
     return answer.view(bool)
+
+
+def compile_search() -> None:
+    """Compile the search of points by a question without eyes, about one point and a mesh without faces."""
+    find_visible(empty_bvh(), SurfacePoints.free(np.zeros((1, 3))), np.empty((0, 3)))
+
+
+search_compiler = CompileAhead(compile_search)
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:

@@ -1,0 +1,98 @@
+"""Compilation of the largest kernels in a second process."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import zbuf_occlude as zo
+from tests.processes import python
+from tests.scenes import box
+from zbuf_occlude.engines.exact import compile_ahead, rays, search
+from zbuf_occlude.engines.exact.compile_ahead import CompileAhead
+
+CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
+"""Variable of the environment with the file that a called function writes."""
+
+
+def note_process() -> None:
+    """Write the number of this process."""
+    Path(os.environ[CALLS]).write_text(str(os.getpid()))
+
+
+def crash() -> None:
+    """End the process without a word."""
+    os._exit(3)
+
+
+@pytest.fixture
+def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(CALLS, str(tmp_path / "calls"))
+    monkeypatch.setattr(compile_ahead, "began_without_cache", lambda: True)
+    monkeypatch.setattr(compile_ahead, "n_cores", lambda: 2)
+
+
+def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
+    search.compile_search()
+    rays.compile_first_hits()
+    compiled = set(search._search_views.signatures), set(rays._cast_blocks.signatures)
+    zo.occlude(box(), azimuth=30, elevation=20, n_points=500, method="exact")
+    zo.scan(box(), "vlp-16", range=3, size=1.0, method="exact")
+    zo.depth_image(box(), azimuth=30, elevation=20, resolution=64, method="exact")
+    with zo.prepare(box(), "exact") as occluder:
+        occluder.visible(zo.sample_surface(box(), n_points=500), zo.views.fibonacci(3))
+    assert (set(search._search_views.signatures), set(rays._cast_blocks.signatures)) == compiled
+
+
+@pytest.mark.usefixtures("_empty_cache")
+def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path) -> None:
+    ahead = CompileAhead(note_process)
+    ahead.start()
+    ahead.start()
+    ahead.wait()
+    assert int((tmp_path / "calls").read_text()) != os.getpid()
+    (tmp_path / "calls").unlink()
+    ahead.start()  # once in a process
+    ahead.wait()
+    assert not (tmp_path / "calls").exists()
+
+
+@pytest.mark.usefixtures("_empty_cache")
+def test_a_call_that_ends_its_process_is_no_error() -> None:
+    ahead = CompileAhead(crash)
+    ahead.start()
+    ahead.wait()
+
+
+@pytest.mark.usefixtures("_empty_cache")
+@pytest.mark.parametrize(("name", "value"), [("began_without_cache", lambda: False), ("n_cores", lambda: 1)])
+def test_there_is_none_where_it_gains_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: object
+) -> None:
+    monkeypatch.setattr(compile_ahead, name, value)
+    ahead = CompileAhead(note_process)
+    ahead.start()
+    ahead.wait()
+    assert not (tmp_path / "calls").exists()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("kernel", "call"),
+    [
+        ("search._search_views", "zo.occlude(mesh, azimuth=30, elevation=20, n_points=500, method='exact')"),
+        ("rays._cast_blocks", "zo.scan(mesh, 'vlp-16', range=3, method='exact')"),
+    ],
+    ids=["points", "rays"],
+)
+def test_with_an_empty_cache_the_kernel_is_read_from_it(tmp_path: Path, kernel: str, call: str) -> None:
+    program = (
+        "import zbuf_occlude as zo\n"
+        "from zbuf_occlude.engines.exact import rays, search\n"
+        "mesh = zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3]])\n"
+        f"{call}\n"
+        f"stats = {kernel}.stats\n"
+        "print(sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))"
+    )
+    child = python("-c", program, NUMBA_CACHE_DIR=str(tmp_path))
+    assert child.stdout.split() == (["1", "0"] if compile_ahead.n_cores() > 1 else ["0", "1"])
