@@ -12,8 +12,8 @@ Its ratio is that of the fastest peer's seconds to those of `exact`. Peers' rays
 counted. Of more than `MOST_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with
 all. --processors takes seconds of all threads instead of the clock's: a busy machine changes them less.
 
---isa limits `exact`, by numba's settings, and Open3D and embreex, by Embree's settings in the home folder, to an
-instruction set that the processor has; without it each side takes the best. mitsuba and tinybvh do as they like.
+--isa limits `exact`, by numba's settings, to an instruction set that the processor has. The peers always take the best
+one: their Embree is built without a configuration file, and neither Open3D nor embreex hands it one.
 
 Peers are Open3D, embreex in robust mode on as many threads, Mitsuba's LLVM variants where mitsuba and LLVM are there,
 and tinybvh by a library that exports C functions, rays being (n, 7) float32 of origin, direction and length:
@@ -28,7 +28,6 @@ import ctypes
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -57,8 +56,8 @@ QUICK = (
 """Names of the scenes and questions that --quick asks."""
 
 
-ISAS = {"avx512": ("avx512", ()), "avx2": ("avx2", ("avx512",)), "sse": ("sse4.2", ("avx", "fma", "f16c", "vaes"))}
-"""Instruction sets: Embree's name, and how the names of the processor features begin that it lacks."""
+ISAS: dict[str, tuple[str, ...]] = {"avx512": (), "avx2": ("avx512",), "sse": ("avx", "fma", "f16c", "vaes")}
+"""Instruction sets, and how the names of the processor features begin that each lacks."""
 
 
 class Scene(NamedTuple):
@@ -277,19 +276,15 @@ def present(names: Sequence[str], library: Path | None) -> dict[str, Any]:
 
 
 def limit_to(isa: str) -> None:
-    """Start this program again, limited to an instruction set, unless it is already."""
-    embree, lacking = ISAS[isa]
+    """Start this program again, `exact` limited to an instruction set, unless it is already."""
     if os.environ.get("CELLS_ISA") == isa:
         return
     features = binding.get_host_cpu_features()
     if isa == "avx512" and not features.get("avx512f"):
         raise SystemExit("error: this processor has no AVX-512.")
-    kept = (f"{'+' if there and not name.startswith(lacking) else '-'}{name}" for name, there in features.items())
-    with tempfile.TemporaryDirectory() as home:
-        for version in (3, 4):
-            Path(home, f".embree{version}").write_text(f"isa={embree}\n")
-        limits = {"CELLS_ISA": isa, "NUMBA_CPU_FEATURES": ",".join(kept) if lacking else features.flatten()}
-        raise SystemExit(subprocess.call([sys.executable, *sys.argv], env={**os.environ, **limits, "HOME": home}))
+    kept = (f"{'+' if there and not name.startswith(ISAS[isa]) else '-'}{name}" for name, there in features.items())
+    limits = {"CELLS_ISA": isa, "NUMBA_CPU_FEATURES": ",".join(kept)}
+    raise SystemExit(subprocess.call([sys.executable, *sys.argv], env={**os.environ, **limits}))
 
 
 def processor() -> str:
@@ -424,7 +419,7 @@ def main(
     peers = present(peer, tinybvh)
     usual = QUICK if quick else ((), ())
     questions = chosen(QUESTIONS, question or usual[1])
-    warm_up = Scene("", partial(terrain, 100_000), (0.0, 0.0, 0.1))
+    warm_up = Scene("", partial(terrain, 50_000), (0.0, 0.0, 0.1))
     some = [question._replace(n_points=min(question.n_points, 5000)) for question in questions]
     list(cells_of(warm_up, [*some, QUESTIONS[0]._replace(name="", n_points=9)], {}, 1, time.perf_counter))  # compiles
     clock = time.process_time if processors else time.perf_counter
