@@ -179,8 +179,8 @@ def occlude(
     check_choice("frame", frame, FRAMES)
     check_choice("axes", axes, AXES)
     check_keywords(occlude, method, options)
-    compile_ahead(method, rays=sensor is not None)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
+    compile_ahead(method, rays=sensor is not None)
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -251,8 +251,8 @@ def depth_image(
     """
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
-    compile_ahead(method, rays=True)
     mesh = as_mesh(mesh, up=up, unit=unit)
+    compile_ahead(method, rays=True)
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")

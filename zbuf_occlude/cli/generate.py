@@ -52,6 +52,7 @@ from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, P
 from zbuf_occlude.datasets.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.datasets.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
 from zbuf_occlude.datasets.workers import Done, Run, Task
+from zbuf_occlude.datasets.workers.local import start_server
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors.scan_config import LEAST_POINTS, SURFACE, ScanConfig, span_of
@@ -279,6 +280,8 @@ def generate_command(
     echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
     for remark in missing_splits(collection, options["split"], context.params["splits"]):
         echo(remark, err=True)
+    if context.params["engine"] == "local" and not dry_run:
+        start_server()  # it imports while the first meshes are looked at
     warn_of_lying(collection, up)
     if scan is not None:
         check_sizes(scan, collection)

@@ -116,7 +116,8 @@ def visible_command(
     options = parse_settings(method, settings)
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     if positions is None:
-        compile_ahead(method)
+        if mesh.exists():
+            compile_ahead(method)
         with Limits().watch():
             loaded = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
         subject: Mesh | SurfacePoints = loaded

@@ -18,7 +18,7 @@ from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.datasets.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.datasets.workers import Run, from_environment, parse_shard
-from zbuf_occlude.datasets.workers.local import run_local, start_server
+from zbuf_occlude.datasets.workers.local import run_local
 from zbuf_occlude.datasets.workers.ray import run_ray
 from zbuf_occlude.geometry.camera import FIELDS_OF_VIEW, field_of_view
 from zbuf_occlude.geometry.mesh import UNITS, Mesh
@@ -443,7 +443,7 @@ def _parsed_shard(context: click.Context, parameter: click.Parameter, value: str
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
-    """Remove the options of `engine_options` from a command's options and return the engine, which begins to start.
+    """Remove the options of `engine_options` from a command's options and return the engine.
 
     Raises UsageError for options of the other engine.
     """
@@ -454,7 +454,6 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
         if lacking := missing("ray"):
             raise UnavailableError(f"--engine ray {lacking}")
         return partial(run_ray, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
-    start_server()
     return partial(run_local, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 

@@ -29,7 +29,7 @@ from zbuf_occlude.visibility import compile_ahead, find_method, prepare
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
 N_FUNCTIONS = {"depth_buffer": 86, "exact": 112, "exact-scans": 232}
-"""Approximate number of functions that `warm_up_jit` compiles in this process, of two, for the progress bar."""
+"""Approximate number of functions that `warm_up_jit` compiles for each kind of job where a second process helps."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
 

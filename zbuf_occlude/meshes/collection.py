@@ -218,7 +218,7 @@ class MeshCollection(Sequence[MeshEntry]):
         OptionError
             The file cannot be read, no label matches a mesh, or a label matches several.
         """
-        labels = read_labels(as_path(path, "path"))
+        labels = read_labels(as_path(path, "labels"))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
         if not found:
             raise OptionError(
@@ -264,7 +264,7 @@ class MeshCollection(Sequence[MeshEntry]):
         OptionError
             `shares` are not three numbers from 0 on with the sum 1, or the entries have splits already.
         """
-        given = [float(share) for share in shares]
+        given = [float(share) for share in np.atleast_1d(shares)]
         if len(given) != len(SPLITS) or not (min(given) >= 0.0 and abs(sum(given) - 1.0) < 1e-6):
             shown = ",".join(f"{share:g}" for share in given)
             raise OptionError(f"--split must be three shares, of train, val and test, with the sum 1; got {shown}.")

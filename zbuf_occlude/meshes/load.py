@@ -107,7 +107,7 @@ def load_mesh(
     times the file's size, whatever a header declares; a glTF scene may repeat its meshes to a million triangles and a
     gigabyte. Files of 100,000 faces take 0.1 to 1 s, compressed glTF longer.
     """
-    path = as_path(path, "path", "A mesh of trimesh: Mesh.from_trimesh.")
+    path = as_path(path, "path", "Mesh.from_trimesh takes a mesh of trimesh.")
     check_frame(up, unit)
     if not isinstance(name, str | None):
         raise ArgumentError(f"name must be a word; got {shown(name)}.")

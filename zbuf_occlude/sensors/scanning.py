@@ -138,9 +138,9 @@ def scan(
         if given is not None and not isinstance(given, VisibilityQuery):
             raise ArgumentError(f"{name} must be a VisibilityQuery, made by prepare; got {type(given).__name__}.")
     sensor = make(sensor)
+    scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if occluder is None:
         compile_ahead(method or default_caster(), rays=True)
-    scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")

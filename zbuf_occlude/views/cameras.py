@@ -141,7 +141,7 @@ def from_colmap(path: str | Path) -> Views:
     [5.0]
     """
     path = as_path(path, "path")
-    beside = path.with_name(f"cameras{path.suffix}")
+    beside = path.parent / f"cameras{path.suffix}"
     models = {f"camera {row[0]}": row for row in colmap_rows(beside)} if beside.exists() else {}
     if beside.exists() and not models:
         raise OptionError(f"{escape_control(str(beside))} contains no cameras. Copy it again.")

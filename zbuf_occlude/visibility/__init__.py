@@ -134,9 +134,10 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
 
 
 def compile_ahead(method: str, *, rays: bool = False) -> None:
-    """Start to compile in a second process what answers for points, or for rays, where nothing has been compiled yet.
+    """Start a second process that compiles the search for visible points, or the casting of rays.
 
-    This process compiles the rest meanwhile. Other methods than `exact` have little to compile.
+    Where that was compiled before, there is none. This process compiles the rest meanwhile. Other methods than `exact`
+    have little to compile.
     """
     if method == "exact":
         from zbuf_occlude.engines.exact.rays import first_hits_compiler  # late: imports numba

@@ -1,7 +1,11 @@
 """Compilation of the largest kernels in a second process."""
 
+import multiprocessing
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,11 +29,25 @@ def crash() -> None:
     os._exit(3)
 
 
+def fail() -> None:
+    """Raise what a full disk raises."""
+    raise OSError(28, "No space left on device")
+
+
+def raising(**environment: str) -> None:
+    """Raise what a process raises that cannot be started."""
+    raise OSError(24, "Too many open files")
+
+
 @pytest.fixture
-def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the functions that are compiled."""
+    names: list[str] = []
     monkeypatch.setenv(CALLS, str(tmp_path / "calls"))
-    monkeypatch.setattr(compile_ahead, "began_without_cache", lambda: True)
+    monkeypatch.setattr(compile_ahead, "compiled_before", names.__contains__)
+    monkeypatch.setattr(compile_ahead, "note_compiled", names.append)
     monkeypatch.setattr(compile_ahead, "n_cores", lambda: 2)
+    return names
 
 
 def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
@@ -44,32 +62,41 @@ def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
     assert (set(search._search_views.signatures), set(rays._cast_blocks.signatures)) == compiled
 
 
-@pytest.mark.usefixtures("_empty_cache")
-def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path) -> None:
+def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path, noted: list[str]) -> None:
     ahead = CompileAhead(note_process)
     ahead.start()
     ahead.start()
     ahead.wait()
     assert int((tmp_path / "calls").read_text()) != os.getpid()
-    (tmp_path / "calls").unlink()
-    ahead.start()  # once in a process
-    ahead.wait()
-    assert not (tmp_path / "calls").exists()
+    assert noted == ["note_process"]
 
 
-@pytest.mark.usefixtures("_empty_cache")
-def test_a_call_that_ends_its_process_is_no_error() -> None:
-    ahead = CompileAhead(crash)
+@pytest.mark.parametrize("function", [crash, fail])
+def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(
+    noted: list[str], function: Callable[[], None]
+) -> None:
+    ahead = CompileAhead(function)
     ahead.start()
     ahead.wait()
+    ahead.wait()
+    assert noted == []
 
 
-@pytest.mark.usefixtures("_empty_cache")
-@pytest.mark.parametrize(("name", "value"), [("began_without_cache", lambda: False), ("n_cores", lambda: 1)])
-def test_there_is_none_where_it_gains_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: object
+@pytest.mark.parametrize(
+    ("owner", "name", "value"),
+    [
+        (compile_ahead, "compiled_before", lambda name: True),
+        (compile_ahead, "n_cores", lambda: 1),
+        (sys, "executable", ""),
+        (multiprocessing, "parent_process", lambda: "a coordinator"),
+        (compile_ahead, "Child", raising),
+    ],
+)
+@pytest.mark.usefixtures("noted")
+def test_there_is_none_where_it_gains_nothing_or_cannot_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, value: object
 ) -> None:
-    monkeypatch.setattr(compile_ahead, name, value)
+    monkeypatch.setattr(owner, name, value)
     ahead = CompileAhead(note_process)
     ahead.start()
     ahead.wait()

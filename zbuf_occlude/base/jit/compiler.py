@@ -176,17 +176,8 @@ def cache_folder() -> Path | None:
                 for other in set(base.glob(f"{of_place}-*")) - {folder}:
                     shutil.rmtree(other, ignore_errors=True)
                 _say_once(kept=True)
-                _made_folders.add(folder)
             return folder
     return None
-
-
-_made_folders: set[Path] = set()
-
-
-def began_without_cache() -> bool:
-    """Return whether this process has made the folder of compiled code, which was therefore empty."""
-    return cache_folder() in _made_folders
 
 
 def announce() -> None:

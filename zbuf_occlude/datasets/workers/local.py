@@ -54,7 +54,7 @@ def run_local(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits
 
 
 def start_server() -> None:
-    """Start the fork server where there is none and workers are forked; it imports while the coordinator goes on."""
+    """Start the fork server, unless there is one, or workers are spawned."""
     if _start_method() != "forkserver":
         return
     forkserver.set_forkserver_preload(list(PRELOAD))

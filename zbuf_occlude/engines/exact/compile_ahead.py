@@ -1,13 +1,15 @@
-"""Compilation in a second process: the first answer of a new installation comes a third sooner."""
+"""Compilation of the largest kernels in a second process, so that the first answer comes sooner."""
 
 import atexit
+import multiprocessing
 import os
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from zbuf_occlude.base.child import Child, ChildFailed
-from zbuf_occlude.base.jit.compiler import began_without_cache
+from zbuf_occlude.base.child import Child
+from zbuf_occlude.base.jit.compiler import compiled_before, note_compiled
 from zbuf_occlude.base.provenance import n_cores
 
 
@@ -27,19 +29,30 @@ class CompileAhead:
         self._lock = threading.Lock()
 
     def start(self) -> None:
-        """Start the call, once, if this process found an empty cache and may use a second core."""
+        """Start the call, once, unless it succeeded before. It needs a second core, and a process that is no worker."""
+        if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
+            return
         with self._lock:
-            if self._process == 0 and began_without_cache() and n_cores() > 1:
-                self._process, self._child = os.getpid(), Child()
-                atexit.register(self._child.kill)  # closing it would wait
-                self._child.start(self._function)
+            if self._process == 0 and not compiled_before(self._function.__name__):
+                self._process = os.getpid()
+                with suppress(OSError):  # then this process compiles
+                    self._child = Child()
+                    atexit.register(self._child.kill)  # closing it would wait
+                    self._child.start(self._function)
 
     def wait(self) -> None:
         """Wait until a call that was started has ended; where it failed, this process compiles."""
+        if self._process != os.getpid():
+            return
         with self._lock:
-            if self._child is not None and self._process == os.getpid():
-                with suppress(ChildFailed):
-                    self._child.answer()
-                atexit.unregister(self._child.kill)
-                self._child.kill()
-                self._child = None
+            child, self._child = self._child, None
+            if child is None:
+                return
+            try:
+                child.answer()
+                note_compiled(self._function.__name__)
+            except Exception:
+                pass
+            finally:
+                atexit.unregister(child.kill)
+                child.kill()

@@ -8,7 +8,7 @@ points by range and incidence (density). A measure without data is NaN: null in 
 import json
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors
+from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, escape_control
 from zbuf_occlude.base.extras import importing
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
@@ -199,7 +200,7 @@ def compare_scans(
     """
     model = None
     if isinstance(mesh, str | os.PathLike):
-        model = model_number(Path(mesh))
+        model = model_number(as_path(mesh, "mesh"))
         mesh = load_mesh(mesh, up="z")  # keep the file's axes: poses refer to them
         if model is not None:
             mesh = mesh.transformed(1.0 / MILLIMETRES)
@@ -210,13 +211,16 @@ def compare_scans(
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
         if value is not None:
             as_number(value, name, "a length above 0", lambda length: length > 0.0)
-    scans = [scans] if isinstance(scans, str | Path) else scans
+    if isinstance(scans, str | bytes) or not isinstance(scans, Sequence | np.ndarray):
+        scans = [as_path(scans, "scans", "Pass paths, or a list of arrays (n, 3).")]
     if not len(scans):
         raise ArgumentError("scans must be one or more; there is none.")
-    paths = [Path(each) if isinstance(each, str | Path) else None for each in scans]
+    paths = [Path(each) if isinstance(each, str | os.PathLike) else None for each in scans]
     names = [f"scan {number}" if path is None else path.name for number, path in enumerate(paths)]
     read = [_read_scan(each, path, sensor, depth_unit) for path, each in zip(paths, scans, strict=True)]
-    if isinstance(poses, str | Path):
+    if poses is not None and not isinstance(poses, Iterable):
+        poses = as_path(poses, "poses", "Pass a path, or matrices (4, 4).")
+    if isinstance(poses, str | os.PathLike):
         poses = read_poses(Path(poses), [path or Path(name) for path, name in zip(paths, names, strict=True)], model)
     matrices = [np.eye(4)] * len(read) if poses is None else [rigid(pose, "a pose") for pose in poses]
     if len(matrices) != len(read):
