@@ -182,7 +182,10 @@ class MeshCollection(Sequence[MeshEntry]):
         """
         check_frame(up, unit)
         colors = as_flag(colors, "colors")
-        given = [paths] if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) else list(paths)
+        if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) or getattr(paths, "ndim", 1) == 0:
+            given = [paths]
+        else:
+            given = list(paths)
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")
         entries: dict[str, MeshEntry] = {}

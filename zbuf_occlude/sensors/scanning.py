@@ -132,15 +132,15 @@ def scan(
     True
     >>> found.save("scan.npz")
     """
-    if options:
-        check_keywords(scan, method or default_caster(), options)
+    caster = default_caster() if method is None else method
+    check_keywords(scan, caster, options)
     for name, given in (("occluder", occluder), ("target", target)):
         if given is not None and not isinstance(given, VisibilityQuery):
             raise ArgumentError(f"{name} must be a VisibilityQuery, made by prepare; got {type(given).__name__}.")
     sensor = make(sensor)
     scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if occluder is None:
-        compile_ahead(method or default_caster(), rays=True)
+        compile_ahead(caster, rays=True)
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
