@@ -22,7 +22,7 @@ from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.views.model import AXES, MOST_PIXELS, with_axes
-from zbuf_occlude.visibility import check_keywords, compile_ahead, find_method, prepare
+from zbuf_occlude.visibility import check_keywords, find_method, precompile, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 N_POINTS = 2048
@@ -180,7 +180,7 @@ def occlude(
     check_choice("axes", axes, AXES)
     check_keywords(occlude, method, options)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
-    compile_ahead(method, rays=sensor is not None)
+    precompile(method, rays=sensor is not None)
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -252,7 +252,7 @@ def depth_image(
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
     mesh = as_mesh(mesh, up=up, unit=unit)
-    compile_ahead(method, rays=True)
+    precompile(method, rays=True)
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")

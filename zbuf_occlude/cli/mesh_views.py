@@ -41,7 +41,7 @@ from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.inspection import Coverage
 from zbuf_occlude.sensors.inspection import coverage as measure_coverage
 from zbuf_occlude.views import for_mesh
-from zbuf_occlude.visibility import compile_ahead, find_method
+from zbuf_occlude.visibility import find_method, precompile
 from zbuf_occlude.visibility.interface import contact_advice
 
 PIXELS = click.IntRange(1, 8192)
@@ -117,7 +117,7 @@ def visible_command(
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     if positions is None:
         if mesh.exists():
-            compile_ahead(method)
+            precompile(method)
         with Limits().watch():
             loaded = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
         subject: Mesh | SurfacePoints = loaded

@@ -34,7 +34,7 @@ from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
 from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import compile_ahead
+from zbuf_occlude.visibility import precompile
 
 
 @click.command(cls=Command)
@@ -131,7 +131,7 @@ def scan_once(
     or a range within the object.
     """
     first = collection[0]
-    compile_ahead(scan.method, rays=True)
+    precompile(scan.method, rays=True)
     with Limits().watch():
         loaded = first.load()
     mesh, size = in_metres(loaded, first.label, scan)

@@ -24,7 +24,7 @@ from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.meshes.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import ScanConfig
-from zbuf_occlude.visibility import compile_ahead, find_method, prepare
+from zbuf_occlude.visibility import find_method, precompile, prepare
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
@@ -81,7 +81,7 @@ def n_functions(config: DatasetConfig) -> int | None:
 def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
     if not config.complete:
-        compile_ahead(config.method, rays=config.scan is not None)
+        precompile(config.method, rays=config.scan is not None)
     small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if config.scan is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}

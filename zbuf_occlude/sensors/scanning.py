@@ -29,7 +29,7 @@ from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.second_camera import select_triangulated
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, check_keywords, compile_ahead, find_method
+from zbuf_occlude.visibility import METHODS, check_keywords, find_method, precompile
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 CASTERS = ("exact", "embree", "oracle")
@@ -140,7 +140,7 @@ def scan(
     sensor = make(sensor)
     scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if occluder is None:
-        compile_ahead(caster, rays=True)
+        precompile(caster, rays=True)
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")

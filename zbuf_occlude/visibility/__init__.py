@@ -133,17 +133,17 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
             )
 
 
-def compile_ahead(method: str, *, rays: bool = False) -> None:
+def precompile(method: str, *, rays: bool = False) -> None:
     """Start a second process that compiles the search for visible points, or the casting of rays.
 
     Where that was compiled before, there is none. This process compiles the rest meanwhile. Other methods than `exact`
     have little to compile.
     """
     if method == "exact":
-        from zbuf_occlude.engines.exact.rays import first_hits_compiler  # late: imports numba
-        from zbuf_occlude.engines.exact.search import search_compiler
+        from zbuf_occlude.engines.exact.rays import first_hits_precompiler  # late: imports numba
+        from zbuf_occlude.engines.exact.search import search_precompiler
 
-        (first_hits_compiler if rays else search_compiler).start()
+        (first_hits_precompiler if rays else search_precompiler).launch()
 
 
 def prepare(

@@ -17,7 +17,6 @@ from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import N_LANES, load, store
 from zbuf_occlude.base.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block_from, take_end
 from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
-from zbuf_occlude.engines.exact.compile_ahead import CompileAhead
 from zbuf_occlude.engines.exact.layout import (
     BOTTOM,
     CHUNK_POINTS,
@@ -32,6 +31,7 @@ from zbuf_occlude.engines.exact.layout import (
     Int64,
     make_workspace,
 )
+from zbuf_occlude.engines.exact.precompiler import Precompiler
 from zbuf_occlude.engines.exact.project import ImageRect
 from zbuf_occlude.engines.exact.ray_packets import PacketRays, RayFrame, first_hits_of_packet, make_state, rect_of_rays
 from zbuf_occlude.engines.exact.search import list_candidates, project_children, select_candidates
@@ -135,7 +135,7 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
     flat, unsafe = directions.reshape(-1), np.zeros(1, dtype=np.int64)
     hits = face_ids, distances, unsafe
     query = RayQuery(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
-    first_hits_compiler.wait()
+    first_hits_precompiler.wait()
     if sort:
         parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
         query = query._replace(order=_order_of_cells(cells, bits), cells=cells[:0])
@@ -154,7 +154,7 @@ def compile_first_hits() -> None:
     parallel_for(_cast_blocks, 0, bvh, project_eyes(bvh, origin, 1.0), query)
 
 
-first_hits_compiler = CompileAhead(compile_first_hits)
+first_hits_precompiler = Precompiler(compile_first_hits)
 
 
 @njit(cache=True)

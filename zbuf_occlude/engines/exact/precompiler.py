@@ -13,7 +13,7 @@ from zbuf_occlude.base.jit.compiler import compiled_before, note_compiled
 from zbuf_occlude.base.provenance import n_cores
 
 
-class CompileAhead:
+class Precompiler:
     """Call of a function in a second process, which compiles into the cache what this process needs last.
 
     Parameters
@@ -28,7 +28,7 @@ class CompileAhead:
         self._process = 0  # id of the process that started the child; a process forked from it has no child
         self._lock = threading.Lock()
 
-    def start(self) -> None:
+    def launch(self) -> None:
         """Start the call, once, unless it succeeded before. It needs a second core, and a process that is no worker."""
         if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
             return

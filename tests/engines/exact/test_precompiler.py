@@ -12,8 +12,8 @@ import pytest
 import zbuf_occlude as zo
 from tests.processes import python
 from tests.scenes import box
-from zbuf_occlude.engines.exact import compile_ahead, rays, search
-from zbuf_occlude.engines.exact.compile_ahead import CompileAhead
+from zbuf_occlude.engines.exact import precompiler, rays, search
+from zbuf_occlude.engines.exact.precompiler import Precompiler
 
 CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
 """Variable of the environment with the file that a called function writes."""
@@ -44,9 +44,9 @@ def noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the functions that are compiled."""
     names: list[str] = []
     monkeypatch.setenv(CALLS, str(tmp_path / "calls"))
-    monkeypatch.setattr(compile_ahead, "compiled_before", names.__contains__)
-    monkeypatch.setattr(compile_ahead, "note_compiled", names.append)
-    monkeypatch.setattr(compile_ahead, "n_cores", lambda: 2)
+    monkeypatch.setattr(precompiler, "compiled_before", names.__contains__)
+    monkeypatch.setattr(precompiler, "note_compiled", names.append)
+    monkeypatch.setattr(precompiler, "n_cores", lambda: 2)
     return names
 
 
@@ -63,10 +63,10 @@ def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
 
 
 def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path, noted: list[str]) -> None:
-    ahead = CompileAhead(note_process)
-    ahead.start()
-    ahead.start()
-    ahead.wait()
+    compiling = Precompiler(note_process)
+    compiling.launch()
+    compiling.launch()
+    compiling.wait()
     assert int((tmp_path / "calls").read_text()) != os.getpid()
     assert noted == ["note_process"]
 
@@ -75,21 +75,21 @@ def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path, noted: li
 def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(
     noted: list[str], function: Callable[[], None]
 ) -> None:
-    ahead = CompileAhead(function)
-    ahead.start()
-    ahead.wait()
-    ahead.wait()
+    compiling = Precompiler(function)
+    compiling.launch()
+    compiling.wait()
+    compiling.wait()
     assert noted == []
 
 
 @pytest.mark.parametrize(
     ("owner", "name", "value"),
     [
-        (compile_ahead, "compiled_before", lambda name: True),
-        (compile_ahead, "n_cores", lambda: 1),
+        (precompiler, "compiled_before", lambda name: True),
+        (precompiler, "n_cores", lambda: 1),
         (sys, "executable", ""),
         (multiprocessing, "parent_process", lambda: "a coordinator"),
-        (compile_ahead, "Child", raising),
+        (precompiler, "Child", raising),
     ],
 )
 @pytest.mark.usefixtures("noted")
@@ -97,9 +97,9 @@ def test_there_is_none_where_it_gains_nothing_or_cannot_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, value: object
 ) -> None:
     monkeypatch.setattr(owner, name, value)
-    ahead = CompileAhead(note_process)
-    ahead.start()
-    ahead.wait()
+    compiling = Precompiler(note_process)
+    compiling.launch()
+    compiling.wait()
     assert not (tmp_path / "calls").exists()
 
 
@@ -122,4 +122,4 @@ def test_with_an_empty_cache_the_kernel_is_read_from_it(tmp_path: Path, kernel: 
         "print(sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))"
     )
     child = python("-c", program, NUMBA_CACHE_DIR=str(tmp_path))
-    assert child.stdout.split() == (["1", "0"] if compile_ahead.n_cores() > 1 else ["0", "1"])
+    assert child.stdout.split() == (["1", "0"] if precompiler.n_cores() > 1 else ["0", "1"])
