@@ -94,7 +94,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sample_surface(CUBE, n_points=3).select([True]), "which must pick among 3 points; boolean"),
         (lambda: zo.views.random(3, elevation=(1.0, 0.0)), r"elevations must run upwards within -90\.\.90 degrees"),
         (lambda: zo.views.parse(None), "views must be paper100, .*; got None"),
-        (lambda: zo.load_mesh(box()), "path must be a path; got Trimesh"),
+        (lambda: zo.load_mesh(box()), "path must be a path.*Mesh.from_trimesh"),
         (lambda: zo.prepare(zo.SurfacePoints.free(np.zeros((0, 3))), "hidden_point_removal"), "has no points|needs"),
         (lambda: zo.frames(CUBE, "ring:8@30"), "views must be Views; got str"),
         (lambda: zo.frames(CUBE, None), "views must be Views; got NoneType"),
