@@ -392,7 +392,7 @@ def views_command(
     elif out is not None:
         if found is not None:  # where to put the camera, in the coordinates and unit of the mesh
             columns |= dict(zip("xyz", about.eyes[found.order].T, strict=True))
-        digits = ["%.17g" if name in "xyz" else "%.9g" for name in columns]  # far from the origin, 9 are millimetres
+        digits = ["%.17g" if name in "xyz" else "%.9g" for name in columns]  # 9 digits resolve 5 mm at 1,000 km
         names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
         atomic.write(out, lambda file: np.savetxt(file, table, digits, ",", header=names, comments=""))
     else:

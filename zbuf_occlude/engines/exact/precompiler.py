@@ -29,7 +29,7 @@ class Precompiler:
         self._lock = threading.Lock()
 
     def launch(self) -> None:
-        """Start the call, once, unless it succeeded before. It needs a second core, and a process that is no worker."""
+        """Start the call, unless it was started or has succeeded before; workers, and a single core, start none."""
         if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
             return
         with self._lock:
@@ -49,10 +49,9 @@ class Precompiler:
             if child is None:
                 return
             try:
-                child.answer()
-                note_compiled(self._function.__name__)
-            except Exception:
-                pass
+                with suppress(Exception):  # this process meets it again when it compiles, and reports it
+                    child.answer()
+                    note_compiled(self._function.__name__)
             finally:
                 atexit.unregister(child.kill)
                 child.kill()
