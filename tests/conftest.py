@@ -7,7 +7,6 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from tests import skips
-from tests.compiling import one_at_a_time
 from tests.needs import lacking, need
 from zbuf_occlude.base.provenance import n_cores
 from zbuf_occlude.engines.gl.context import ENVIRONMENT, GlContext
@@ -70,16 +68,11 @@ def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
+    """Let interrupts be heard, and remove the temporary folder at the end."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background; what tests interrupt must hear it
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if OURS:
         config.add_cleanup(partial(shutil.rmtree, OURS, ignore_errors=True))
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        return  # this one only hands out tests
-    once = ExitStack()
-    once.enter_context(one_at_a_time())
-    config.add_cleanup(once.close)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -140,10 +140,11 @@ def precompile(method: str, *, rays: bool = False) -> None:
     have little to compile.
     """
     if method == "exact":
-        from zbuf_occlude.engines.exact.rays import first_hits_precompiler  # late: imports numba
-        from zbuf_occlude.engines.exact.search import search_precompiler
+        from zbuf_occlude.engines.exact.precompiler import PRECOMPILER  # late: these import numba
+        from zbuf_occlude.engines.exact.rays import compile_first_hits
+        from zbuf_occlude.engines.exact.search import compile_search
 
-        (first_hits_precompiler if rays else search_precompiler).launch()
+        PRECOMPILER.launch(compile_first_hits if rays else compile_search)
 
 
 def prepare(

@@ -1,6 +1,7 @@
 """Functions are compiled when they are called, and kept for the state of the sources they were compiled of."""
 
 import ast
+import gc
 import os
 import shutil
 import subprocess
@@ -267,3 +268,43 @@ def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path)
         "print(numba.config.CACHE_DIR == before, call(1.0))\n"
     )
     assert run(program, cwd=package.parent, NUMBA_CACHE_DIR="").split() == ["True", "2.0"]
+
+
+def test_of_two_processes_at_a_function_one_compiles_it_and_the_other_loads_it(package: Path) -> None:
+    (package / "base" / "callee.py").write_text(
+        "from package.base.jit.compiler import njit\n@njit()\ndef answer():\n"
+        + "".join(f"    x{i} = {i} * {i}\n" for i in range(150))  # takes a while
+        + "    return 1\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
+    asking = [
+        subprocess.Popen([sys.executable, "-c", ASK], cwd=package.parent, env=environment, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    found = sorted(child.communicate()[0].split()[1] for child in asking)
+    assert found == [b"0", b"1"]
+
+
+def test_a_process_that_hangs_with_a_lock_is_not_waited_for_for_ever(package: Path) -> None:
+    program = (
+        "import fcntl\n"
+        "from package.base.caller import ask\n"
+        "from package.base.jit import compiler\n"
+        "compiler.PATIENCE = 0.1\n"
+        "held = compiler._lock_of(ask)\n"
+        "print(ask())"
+    )
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "1"
+
+
+def test_the_garbage_collector_is_as_it_was_after_compiling() -> None:
+    for enabled in (True, False):
+        (gc.enable if enabled else gc.disable)()
+
+        @njit()
+        def third(number):
+            return number / 3.0
+
+        assert third(3.0) == 1.0
+        assert gc.isenabled() == enabled
+    gc.enable()

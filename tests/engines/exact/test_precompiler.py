@@ -1,8 +1,9 @@
-"""Compilation of the largest kernels in a second process."""
+"""Compilation in a second process."""
 
 import multiprocessing
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,25 +13,28 @@ import pytest
 import zbuf_occlude as zo
 from tests.processes import python
 from tests.scenes import box
-from zbuf_occlude.engines.exact import precompiler, rays, search
+from zbuf_occlude.engines.exact import bvh, precompiler, rays, search
 from zbuf_occlude.engines.exact.precompiler import Precompiler
 
 CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
-"""Variable of the environment with the file that a called function writes."""
+"""Variable of the environment with the folder in which a called function leaves a file."""
+PATIENCE = 60.0
 
 
 def note_process() -> None:
     """Write the number of this process."""
-    Path(os.environ[CALLS]).write_text(str(os.getpid()))
+    Path(os.environ[CALLS], "process").write_text(str(os.getpid()))
 
 
 def crash() -> None:
     """End the process without a word."""
+    note_process()
     os._exit(3)
 
 
 def fail() -> None:
     """Raise what a full disk raises."""
+    note_process()
     raise OSError(28, "No space left on device")
 
 
@@ -40,46 +44,54 @@ def raising(**environment: str) -> None:
 
 
 @pytest.fixture
-def noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the functions that are compiled."""
-    names: list[str] = []
-    monkeypatch.setenv(CALLS, str(tmp_path / "calls"))
-    monkeypatch.setattr(precompiler, "compiled_before", names.__contains__)
-    monkeypatch.setattr(precompiler, "note_compiled", names.append)
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for compiled code, of this test alone, on a machine of two cores."""
+    monkeypatch.setenv(CALLS, str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(precompiler, "n_cores", lambda: 2)
-    return names
+    return tmp_path
+
+
+def wait_for(pattern: str, folder: Path) -> list[Path]:
+    """Wait until a file is there."""
+    end = time.monotonic() + PATIENCE
+    while not (found := list(folder.glob(pattern))):
+        assert time.monotonic() < end, pattern
+        time.sleep(0.05)
+    return found
 
 
 def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
     search.compile_search()
     rays.compile_first_hits()
-    compiled = set(search._search_views.signatures), set(rays._cast_blocks.signatures)
+    kernels = search._search_views, rays._cast_blocks, bvh._grow_nodes, bvh._fill_runs
+    compiled = [set(kernel.signatures) for kernel in kernels]
     zo.occlude(box(), azimuth=30, elevation=20, n_points=500, method="exact")
     zo.scan(box(), "vlp-16", range=3, size=1.0, method="exact")
     zo.depth_image(box(), azimuth=30, elevation=20, resolution=64, method="exact")
     with zo.prepare(box(), "exact") as occluder:
         occluder.visible(zo.sample_surface(box(), n_points=500), zo.views.fibonacci(3))
-    assert (set(search._search_views.signatures), set(rays._cast_blocks.signatures)) == compiled
+    assert [set(kernel.signatures) for kernel in kernels] == compiled
 
 
-def test_the_call_is_in_another_process_and_waited_for(tmp_path: Path, noted: list[str]) -> None:
-    compiling = Precompiler(note_process)
-    compiling.launch()
-    compiling.launch()
-    compiling.wait()
-    assert int((tmp_path / "calls").read_text()) != os.getpid()
-    assert noted == ["note_process"]
+def test_the_call_is_in_another_process_and_is_noted_once_it_has_ended(kept: Path) -> None:
+    compiling = Precompiler()
+    compiling.launch(note_process)
+    compiling.launch(crash)  # one is enough
+    wait_for("*/note_process.compiled", kept)
+    assert int((kept / "process").read_text()) != os.getpid()
+    (kept / "process").unlink()
+    Precompiler().launch(note_process)
+    time.sleep(0.2)
+    assert not (kept / "process").exists()
 
 
 @pytest.mark.parametrize("function", [crash, fail])
-def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(
-    noted: list[str], function: Callable[[], None]
-) -> None:
-    compiling = Precompiler(function)
-    compiling.launch()
-    compiling.wait()
-    compiling.wait()
-    assert noted == []
+def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(kept: Path, function: Callable[[], None]) -> None:
+    Precompiler().launch(function)
+    wait_for("process", kept)
+    time.sleep(0.2)
+    assert not list(kept.glob("*/*.compiled"))
 
 
 @pytest.mark.parametrize(
@@ -92,15 +104,14 @@ def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(
         (precompiler, "Child", raising),
     ],
 )
-@pytest.mark.usefixtures("noted")
 def test_there_is_none_where_it_gains_nothing_or_cannot_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, value: object
+    kept: Path, monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, value: object
 ) -> None:
     monkeypatch.setattr(owner, name, value)
-    compiling = Precompiler(note_process)
-    compiling.launch()
-    compiling.wait()
-    assert not (tmp_path / "calls").exists()
+    made: list[object] = []
+    monkeypatch.setattr(precompiler.atexit, "register", made.append)
+    Precompiler().launch(note_process)
+    assert not made
 
 
 @pytest.mark.long

@@ -3,6 +3,7 @@
 numba takes 0.3 s to import. Functions are therefore declared without it, and compiled or loaded at their first call.
 """
 
+import gc
 import hashlib
 import importlib.util
 import logging
@@ -11,8 +12,9 @@ import shutil
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,12 @@ CACHE_KEY_FOLDERS = (
     "visibility/methods",
 )  # fmt: skip
 """Folders of the package whose functions and constants compiled functions of other files use."""
+
+PATIENCE = 60.0
+"""Seconds to wait for another process that compiles the same function; it may hang."""
+
+POLL = 0.02
+"""Seconds between two looks at its lock."""
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.RLock()
@@ -36,6 +44,7 @@ class Kernel:
         update_wrapper(self, function)
         self._function, self._options = function, options
         self._dispatcher: Any = None
+        self._is_compiled = False
 
     def _declared(self) -> Any:
         """Return numba's dispatcher."""
@@ -52,7 +61,14 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""
-        return self._declared()(*arguments)
+        dispatcher = self._declared()
+        if not self._is_compiled:
+            import numba  # late: it takes 0.3 s
+
+            with _compiling(self._function if self._options.get("cache") else None):
+                dispatcher.compile(tuple(map(numba.typeof, arguments)))
+            self._is_compiled = True
+        return dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of numba's dispatcher, which numba uses where compiled functions call this one."""
@@ -79,12 +95,15 @@ class External:
         import numba  # late: it takes 0.3 s
         from llvmlite import binding
 
-        folder = cache_folder()
-        with _lock, _caching_in(folder):
-            self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
-        symbol = f"{self._function.__module__}.{self._function.__name__}"
-        binding.add_symbol(symbol, self._compiled.address)
-        return numba.types.ExternalFunction(symbol, self._compiled._sig)
+        symbol, address = f"{self._function.__module__}.{self._function.__name__}", _NOWHERE
+        if not _only_compiles:
+            folder = cache_folder()
+            with _compiling(self._function), _lock, _caching_in(folder):
+                self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+            address = self._compiled.address
+        binding.add_symbol(symbol, address)
+        arguments, result = numba.core.sigutils.normalize_signature(self._signature)
+        return numba.types.ExternalFunction(symbol, result(*arguments))
 
 
 def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
@@ -94,6 +113,15 @@ def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
 
 _undefined: list[External] = []
 _is_defining = False
+_only_compiles = False
+_NOWHERE = 1
+"""Address of external functions in a process that calls none."""
+
+
+def leave_out_externals() -> None:
+    """Compile no external function in this process, which then must call no function that calls one."""
+    global _only_compiles
+    _only_compiles = True
 
 
 def _define_externals() -> None:
@@ -128,6 +156,45 @@ def _is_being_imported(module: str) -> bool:
 
 
 @contextmanager
+def _compiling(cached: Callable[..., Any] | None) -> Iterator[None]:
+    """Compile within the block; a cached function alone, so that another process that needs it then loads it.
+
+    Numba leaves little garbage in cycles, and looking for it would take a tenth of the time.
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        with _lock_of(cached) if cached else nullcontext():
+            yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _lock_of(function: Callable[..., Any]) -> AbstractContextManager[Any]:
+    """Wait for the lock of a function in the cache's folder, which closing releases; none where files have no locks."""
+    if (folder := cache_folder()) is None:
+        return nullcontext()
+    try:
+        import fcntl  # not on Windows
+
+        file = open(folder / f"{_digest(function.__module__, function.__qualname__)}.lock", "w")  # noqa: SIM115
+    except (ModuleNotFoundError, OSError):
+        return nullcontext()
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(POLL)
+        except OSError:
+            break
+        else:
+            break
+    return file
+
+
+@contextmanager
 def _caching_in(folder: Path | None) -> Iterator[None]:
     """Have numba read and keep what is declared within the block in a folder; other packages keep theirs."""
     import numba  # late: it takes 0.3 s
@@ -143,16 +210,16 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
     """Return a decorator that applies `numba.njit` with these options when the function is first needed.
 
     By default references to arrays are not counted (``_nrt=False``): counting them for each row ``vertices[i]`` of a
-    loop takes 3 % of a dataset's time. A function that allocates needs ``_nrt=True``.
+    loop takes 3 % of a dataset's time. A function that allocates needs ``_nrt=True``. No function gets an entry for C.
     """
-    return lambda function: Kernel(function, {"_nrt": False, **options})
+    return lambda function: Kernel(function, {"_nrt": False, "no_cfunc_wrapper": True, **options})
 
 
-device_function = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+device_function = njit(no_cpython_wrapper=True)
 """Decorator of a function that only compiled functions call. Without wrappers, compiling takes 10 % less time."""
-always_inline = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+always_inline = njit(forceinline=True, no_cpython_wrapper=True)
 """Decorator of a device function that LLVM copies into its callers."""
-inline_ir = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inline_ir = njit(inline="always", no_cpython_wrapper=True)
 """Decorator of a device function with one caller, into which numba copies it before type inference, so that nested
 functions are optimised once. The caller's options apply to it, so the caller must not count references either."""
 

@@ -131,6 +131,13 @@ def empty_bvh() -> Bvh:
     return new_bvh(no_vertices, no_faces, np.zeros(3), 1.0, 0.0, 0)
 
 
+def compile_build() -> None:
+    """Compile what builds a hierarchy, the last first: nodes of one leaf, and no runs."""
+    _grow(aligned(ROW))
+    nothing = np.empty(0, dtype=np.int32)
+    parallel_for(_fill_runs, 0, empty_bvh(), nothing, 0, aligned(ROW), own=_new_scratch)
+
+
 @always_inline
 def corners_of(bvh, face):
     """Return the corners of a face, world space."""

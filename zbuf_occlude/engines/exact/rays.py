@@ -16,7 +16,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import N_LANES, load, store
 from zbuf_occlude.base.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block_from, take_end
-from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
+from zbuf_occlude.engines.exact.bvh import Bvh, compile_build, empty_bvh
 from zbuf_occlude.engines.exact.layout import (
     BOTTOM,
     CHUNK_POINTS,
@@ -31,7 +31,6 @@ from zbuf_occlude.engines.exact.layout import (
     Int64,
     make_workspace,
 )
-from zbuf_occlude.engines.exact.precompiler import Precompiler
 from zbuf_occlude.engines.exact.project import ImageRect
 from zbuf_occlude.engines.exact.ray_packets import PacketRays, RayFrame, first_hits_of_packet, make_state, rect_of_rays
 from zbuf_occlude.engines.exact.search import list_candidates, project_children, select_candidates
@@ -135,7 +134,6 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
     flat, unsafe = directions.reshape(-1), np.zeros(1, dtype=np.int64)
     hits = face_ids, distances, unsafe
     query = RayQuery(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
-    first_hits_precompiler.wait()
     if sort:
         parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
         query = query._replace(order=_order_of_cells(cells, bits), cells=cells[:0])
@@ -146,15 +144,13 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
 
 
 def compile_first_hits() -> None:
-    """Compile the casting of rays of one origin by a question without rays, about a mesh without faces."""
+    """Compile the casting of rays of one origin, by a question without rays, and then the hierarchy's building."""
     bvh, nothing, origin = empty_bvh(), np.empty(0), np.zeros((1, 3))
     order, cells = np.empty(0, dtype=np.uint32), np.empty(0, dtype=np.uint16)
     hits = np.empty(0, dtype=np.int32), nothing, np.zeros(1, dtype=np.int64)
     query = RayQuery(origin[0], nothing, nothing.view(np.int64), 0.0, 1, order, cells, *hits)
     parallel_for(_cast_blocks, 0, bvh, project_eyes(bvh, origin, 1.0), query)
-
-
-first_hits_precompiler = Precompiler(compile_first_hits)
+    compile_build()
 
 
 @njit(cache=True)

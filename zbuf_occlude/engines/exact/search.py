@@ -8,7 +8,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, inlin
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import count_lanes, first_lane, load, load3_wide, load_scalar, not_less, splat
 from zbuf_occlude.base.jit.threads import n_blocks, n_threads, next_task, parallel_for, parallel_kernel, take_block
-from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
+from zbuf_occlude.engines.exact.bvh import Bvh, compile_build, empty_bvh
 from zbuf_occlude.engines.exact.hide import (
     UNDECIDED,
     classify,
@@ -36,7 +36,6 @@ from zbuf_occlude.engines.exact.layout import (
     put,
 )
 from zbuf_occlude.engines.exact.points import make_packets
-from zbuf_occlude.engines.exact.precompiler import Precompiler
 from zbuf_occlude.engines.exact.project import is_empty, project_boxes, project_packet, rect_of_chunk, union
 from zbuf_occlude.engines.exact.single_rays import TRAVERSAL_RAYS, make_traversal_scratch
 from zbuf_occlude.engines.exact.triangle_setup import set_up_for_points, slot_of
@@ -56,7 +55,6 @@ MAX_SINGLE_POINTS = 5
 
 def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
-    search_precompiler.wait()
     packets = make_packets(bvh, points)
     views = project_eyes(bvh, eyes, float(packets.max_magnitude))
     n_eyes, wanted = len(eyes), 4 * n_threads()
@@ -71,11 +69,9 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
 
 
 def compile_search() -> None:
-    """Compile the search of points by a question without eyes, about one point and a mesh without faces."""
+    """Compile the search of points, by a question without eyes, and then the hierarchy's building."""
     find_visible(empty_bvh(), SurfacePoints.free(np.zeros((1, 3))), np.empty((0, 3)))
-
-
-search_precompiler = Precompiler(compile_search)
+    compile_build()
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
