@@ -67,10 +67,10 @@ def lacking(thing: str) -> str:
 
 
 def need(*things: str) -> None:
-    """Skip the test that runs, with the reason, unless all these things can be loaded."""
+    """Skip the test that runs, or the module that is imported, with the reason, unless all these can be loaded."""
     for thing in things:
         if reason := lacking(thing):
-            pytest.skip(reason)
+            pytest.skip(reason, allow_module_level=True)
 
 
 def _commands(thing: str, folder: Path) -> list[list[str]]:

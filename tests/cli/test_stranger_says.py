@@ -66,6 +66,9 @@ def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modeln
     assert {path.name: path.read_bytes() for path in out.glob("*.h5")} == whole
 
 
+EXR = pytest.param("depth.exr", marks=pytest.mark.needs("OpenEXR"))
+
+
 @pytest.mark.parametrize("name", ["cloud.npy", "cloud.csv", "cloud.ply"])
 @pytest.mark.parametrize("command", ["visible MESH --method oracle", "scan MESH --range 3 --size 1"])
 def test_a_cloud_that_does_not_fit_leaves_no_file(
@@ -76,7 +79,7 @@ def test_a_cloud_that_does_not_fit_leaves_no_file(
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("name", ["depth.npy", "depth.png", "depth.exr"])
+@pytest.mark.parametrize("name", ["depth.npy", "depth.png", EXR])
 def test_a_picture_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
     check_that_nothing_is_left(run, f"depth {modelnet}/ball/test/ball_0.off --resolution 64", tmp_path / name)
 

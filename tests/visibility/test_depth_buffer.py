@@ -121,6 +121,28 @@ def test_more_pixels_err_less(gl: GlContext) -> None:
     assert wrong(gl, resolution=64) > wrong(gl, resolution=256) > wrong(gl, resolution=1024)
 
 
+@pytest.mark.parametrize("refine", ["none", "witness"])
+def test_eyes_in_batches_that_do_not_fill_the_atlas(gl: GlContext, refine: str) -> None:
+    points = points_on(CHAIR)
+    for resolution, n_eyes in ((64, 50), (64, 100), (256, 48), (512, 20), (512, 64)):  # of llvmpipe, of a GPU
+        eyes = views.fibonacci(n_eyes).eyes
+        with prepare(CHAIR, "depth_buffer", gl=gl, resolution=resolution, refine=refine) as occluder:
+            together, alone = occluder.visible(points, eyes), [occluder.visible(points, eye) for eye in eyes]
+        # pixels lie elsewhere in the atlas, which float32 may round to the next one
+        assert (together != alone).mean(axis=1).max() < 0.005
+
+
+def test_rays_from_origins_in_batches_that_do_not_fill_the_atlas(gl: GlContext) -> None:
+    for resolution, n in ((64, 60), (512, 20), (512, 64)):
+        origins = views.fibonacci(n).eyes
+        points = points_on(CHAIR, 40).positions
+        with prepare(CHAIR, "depth_buffer", gl=gl, resolution=resolution) as occluder:
+            alone = [occluder.first_hits(origin[None], points - origin).face_ids for origin in origins]
+            rays = np.repeat(origins, 40, axis=0), (points - origins[:, None]).reshape(-1, 3)
+            together = occluder.first_hits(*rays).face_ids.reshape(n, 40)
+        assert (together != alone).mean(axis=1).max() < 0.2
+
+
 def test_an_eye_within_the_mesh_looks_all_round(gl: GlContext) -> None:
     ball = shapes.solids.icosphere(3)
     points = points_on(ball, 2000)

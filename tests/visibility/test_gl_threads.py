@@ -128,6 +128,7 @@ def test_another_library_may_end_the_display_between_meshes() -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.needs("pyrender")
 @pytest.mark.usefixtures("gl")
 def test_two_threads_on_one_pyrender_take_turns() -> None:
     with zo.prepare(MESH, "pyrender") as occluder, ThreadPoolExecutor(2) as both:
@@ -138,7 +139,7 @@ def test_two_threads_on_one_pyrender_take_turns() -> None:
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize("name", [*OF_A_CONTEXT, "pyrender"])
+@pytest.mark.parametrize("name", [*OF_A_CONTEXT, pytest.param("pyrender", marks=pytest.mark.needs("pyrender"))])
 def test_a_forked_child_is_refused_and_the_parent_goes_on(name: str) -> None:
     child = run_program(FORK, name)
     assert child.returncode == 0, child.stderr

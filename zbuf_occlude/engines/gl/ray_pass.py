@@ -12,7 +12,7 @@ from zbuf_occlude.engines.gl.context import GlContext
 from zbuf_occlude.engines.gl.depth_pass import MAX_TILES, DepthPass
 from zbuf_occlude.engines.gl.shaders import set_uniforms
 from zbuf_occlude.engines.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
-from zbuf_occlude.geometry.camera import Frusta, cube_faces
+from zbuf_occlude.geometry.camera import cube_faces
 from zbuf_occlude.geometry.predicates import ray_triangle_t
 
 PIXELS_PER_RAY = 16
@@ -49,14 +49,9 @@ def picture_rays(
     if len(inside):
         sides = (np.cumsum(~fits) - 1)[origin_of[inside]] * CUBE + cube_faces(directions[inside]).astype(np.int64)
         used, tiles = np.unique(sides, return_inverse=True)
-        pictures = _some(cube_pictures(distinct[~fits], positions, resolution), used)
+        pictures = cube_pictures(distinct[~fits], positions, resolution).select(used)
         groups.append(_pictured(CUBE, pictures, inside, tiles.reshape(-1), directions, resolution))
     return groups
-
-
-def _some(pictures: Pictures, which: NDArray[np.int64]) -> Pictures:
-    frusta = Frusta(*(bound[which] for bound in pictures.frusta))
-    return Pictures(pictures.views[which], frusta, pictures.projections[which], pictures.gains[which])
 
 
 def _pictured(
@@ -84,11 +79,12 @@ def _pictured(
 def seen_around(gl: GlContext, depth_pass: DepthPass, pictured: PicturedRays) -> IntArray:
     """Draw the pictures and return the faces around each ray, (r, `PIXELS_PER_RAY`), by rank in drawing order."""
     atlas = depth_pass.atlas
-    tiles = arrange_tiles(pictured.pictures, atlas.resolution, atlas.columns, atlas.n_tiles)
+    batches = parts(len(pictured.pictures), atlas.n_tiles)
+    tiles = arrange_tiles(pictured.pictures, atlas.resolution, atlas.columns, batches[0].stop)
     lowest = np.floor(pictured.pixels - 1.5).astype(np.int32) + tiles["corner"][pictured.tiles, :2].astype(np.int32)
     seen = np.empty((len(pictured.rays), PIXELS_PER_RAY), dtype=np.int32)
     program = gl.program("candidates.comp")
-    for batch in parts(len(tiles), atlas.n_tiles):
+    for batch in batches:
         padded = np.zeros(MAX_TILES, dtype=TILE)
         padded[: batch.stop - batch.start] = tiles[batch]
         first, last = np.searchsorted(pictured.tiles, [batch.start, batch.stop])

@@ -74,6 +74,14 @@ class Pictures:
     projections: FloatArray  # (c, 4, 4)
     gains: FloatArray  # (c,) gain of depth per unit of inverse eye depth
 
+    def __len__(self) -> int:
+        return len(self.views)
+
+    def select(self, which: slice | NDArray[np.int64]) -> "Pictures":
+        """Return some of the pictures."""
+        frusta = Frusta(*(bound[which] for bound in self.frusta))
+        return Pictures(self.views[which], frusta, self.projections[which], self.gains[which])
+
 
 def single_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) -> tuple[BoolArray, Pictures]:
     """Fit a camera to the mesh's vertices for each eye; both in unit space.
@@ -107,9 +115,12 @@ def cube_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) -> P
     return Pictures(views, frusta, projections, np.full(len(views), NEAR))
 
 
-def arrange_tiles(pictures: Pictures, resolution: int, columns: int, n_tiles: int) -> NDArray[np.void]:
-    """Return the records of `TILE`, (c,), of pictures in the atlas: picture c in tile ``c % n_tiles``, row by row."""
-    tile = np.arange(len(pictures.views)) % n_tiles
+def arrange_tiles(pictures: Pictures, resolution: int, columns: int, batch: int) -> NDArray[np.void]:
+    """Return the records of `TILE`, (c,), of pictures that are drawn `batch` at a time, each time into the first tiles.
+
+    Picture c is in tile ``c % batch`` of the atlas, row by row.
+    """
+    tile = np.arange(len(pictures)) % batch
     corner = np.stack([tile % columns, tile // columns], axis=1) * float(resolution)
     to_pixels = np.zeros((len(tile), 4, 4))
     to_pixels[:, 0, 0] = to_pixels[:, 1, 1] = resolution / 2.0

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.errors import OptionError, check_choice, check_fraction
@@ -167,30 +166,30 @@ class DepthBuffer(VisibilityQuery):
     ) -> BoolArray:
         """Answer for eyes that all have `tiles_per_eye` tiles, into (k, n) bool."""
         depth_pass = self._pass(tiles_per_eye)
-        tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
         # each group of eyes of a batch takes a byte per point
         groups = -(-depth_pass.n_eyes // EYES_PER_BYTE) * max(part.n_slots for part in points)
         most = max(1, answer_limit(self._gl) // groups) * depth_pass.n_eyes
         for first in range(0, len(out), most):
-            some = slice(first, first + most)
             these = slice(first * tiles_per_eye, (first + most) * tiles_per_eye)
-            self._answer_some(points, depth_pass, tiles[these], tiles_per_eye, out[some])
+            self._answer_some(points, depth_pass, pictures.select(these), tiles_per_eye, out[first : first + most])
         return out
 
     def _answer_some(
         self,
         points: list[UploadedPoints],
         depth_pass: DepthPass,
-        tiles: NDArray[np.void],
+        pictures: Pictures,
         tiles_per_eye: int,
         out: BoolArray,
     ) -> None:
         """Answer for at most as many eyes as the buffer of answers holds."""
         batches = batches_of(len(out), depth_pass.n_eyes)
+        in_batch = batches[0].n_eyes * tiles_per_eye
+        tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, in_batch)
         padded = np.zeros((len(batches), MAX_TILES), dtype=TILE)
-        for row, batch in zip(padded, batches, strict=True):
-            first, last = batch.first_eye * tiles_per_eye, (batch.first_eye + batch.n_eyes) * tiles_per_eye
-            row[: last - first] = tiles[first:last]
+        for row, first in zip(padded, range(0, len(tiles), in_batch), strict=True):
+            some = tiles[first : first + in_batch]
+            row[: len(some)] = some
         passes: list[PointPass] = []
         with Buffers(self._gl, tiles=padded) as buffers:
             try:
