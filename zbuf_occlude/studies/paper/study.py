@@ -95,7 +95,7 @@ def run_study(
         finished is kept, trainings as checkpoints, and the same call continues.
     progress : Progress, optional
     workers : int, optional
-        As in `run_trials`.
+        Number of processes that make a dataset, and that train as in `run_trials`. Default: one per core.
 
     Raises
     ------
@@ -147,6 +147,7 @@ def run_study(
     n_now = 0
     with suppress(TimeUp):
         for experiment in chosen:
+            experiment.n_workers = n_cores() if workers is None else workers
             study["failed_meshes"] |= experiment.make_datasets(add_clouds)
             study |= experiment.notes()
             atomic.write_json(folder / STUDY, study)
