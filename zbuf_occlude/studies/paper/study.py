@@ -1,8 +1,8 @@
 """Run a study: make the clouds of its experiments, train and test the classifiers, and store the results in a folder.
 
 A trial is one classifier; its result is one JSON file, written last. After an interruption the same call resumes:
-datasets, trainings from their last checkpoints, and results. No file has a path or a device in it: a copied folder
-resumes on another machine.
+datasets, trainings from their last checkpoints, and results. Nothing is looked up by a path or a device: a copied
+folder resumes on another machine with the same packages.
 """
 
 from collections.abc import Collection, Sequence
