@@ -20,7 +20,7 @@ RESUMING = ("compare", "convert", "generate", "paper", "train")
 
 
 def main() -> None:
-    """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    """Run the command line; exit 0 done, 1 failed, 2 usage, 3 some meshes failed, 4 time was up, 130 interrupted."""
     gc.set_threshold(100_000, 20, 100)  # rare collections save a quarter of the time to plan 100,000 meshes
     _open_closed_streams()
     # child processes (workers, probes) must not import modules from the current folder

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,23 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
     assert "0 classifiers trained or tested now" in again.out
     full = run(f"paper elevation --out {out}", code=1, says="error: ")
     assert "it holds another (tiny, built-in shapes), with other name, summary, models," in full.err
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_study_in_parts(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock goes on by a minute where it is read; the shards of clouds and two classifiers take more than seven."""
+    ticks = count()
+    monkeypatch.setattr("zbuf_occlude.studies.paper.study.monotonic", lambda: 60.0 * next(ticks))
+    line, out = "paper elevation --quick --out study --minutes", tmp_path / "study"
+    first = run(f"{line} 1", code=4)
+    assert "0 classifiers trained or tested now\n" in first.out
+    assert " clouds and 0 of 2 classifiers are done. The same command continues." in first.out
+    assert not (out / "study.md").exists()
+    second = run(f"{line} 7", code=4)
+    assert "1 classifier trained or tested now; report: study/study.html" in second.out
+    assert "The time is up: 760 of 760 clouds and 1 of 2 classifiers are done." in second.out
+    assert "VoxNet" in (out / "study.md").read_text()
+    assert "1 classifier trained or tested now" in run(f"{line} 600").out
 
 
 @pytest.mark.usefixtures("tiny")
@@ -95,6 +113,8 @@ def fail() -> Mesh:
         ("table3 --sydney-up z", 2, "--sydney-up must go with --sydney"),
         ("table3 --epochs 3", 2, "No such option"),
         ("table3 --points many", 2, "it must be N or N,N; got 'many'"),
+        ("table3 --minutes 0", 2, "--minutes"),
+        ("table3 --minutes nan", 2, "nan is not a finite number"),
         ("table3 --models alexnet", 2, "model must be one of voxnet"),
         ("table3 --quick --objects 41", 2, "objects must lie in 5..40"),
         ("table3 --quick --voxels 1", 2, "voxels must lie in 2..128"),

@@ -1,13 +1,14 @@
 """Commands `paper elevation|augmentation|table3|realism|real` (old name `experiment`): experiments with classifiers."""
 
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import click
 
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
-from zbuf_occlude.cli.shared_options import OutFolder
-from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
+from zbuf_occlude.cli.shared_options import OutFolder, finite
+from zbuf_occlude.cli.shell import SOME_FAILED, UNFINISHED, Command, Name, counted, echo, progress_bar
 from zbuf_occlude.datasets.real.sydney import UPS
 from zbuf_occlude.studies.learn.models import MODELS, require_torch
 from zbuf_occlude.studies.paper.design import (
@@ -22,7 +23,7 @@ from zbuf_occlude.studies.paper.design import (
     Progress,
     changed,
 )
-from zbuf_occlude.studies.paper.results import read_study
+from zbuf_occlude.studies.paper.results import read_results, read_study
 from zbuf_occlude.studies.paper.study_report import tables_of_answers, write_study
 
 BOTH, ALL = "table3", "all"
@@ -69,11 +70,14 @@ TEXT = """
 
     The same command again makes only missing results: after an interruption, after another experiment in the same
     folder, or with new scans or a new budget. Without a GPU use --quick; --models to --epochs change single values of
-    it or of the full size. Exit code 3: done, but some meshes failed (they are listed).
+    it or of the full size. --minutes ends it at the next end of a shard of clouds, or of an epoch of each training;
+    the same command continues, also on another machine with a copy of the folder. Exit code 3: done, but some meshes
+    failed (they are listed). Exit code 4: the time was up before all was done.
 
     \b
     Examples:
       zbuf-occlude paper table3 --quick --out study
+      zbuf-occlude paper table3 --minutes 6 --out study
       zbuf-occlude paper augmentation --quick --budget clouds --budget epochs --models voxnet --out budgets
       zbuf-occlude paper elevation --quick --voxels 30 --seeds 3 --out voxels
       zbuf-occlude paper real kitti/training --quick --out real
@@ -130,6 +134,13 @@ TEXT = """
     metavar="N",
     help="Maximum epochs; under --budget clouds, for the classifier with the fewest clouds.",
 )
+@click.option(
+    "--minutes",
+    type=click.FloatRange(0, min_open=True),
+    callback=finite,
+    metavar="X",
+    help="Stop after X minutes; the same command continues.  [default: when all is done]",
+)
 def experiment_command(name: str, **options: Any) -> None:
     """Repeat the paper's experiments with classifiers; replaced by `zbuf-occlude paper NAME` (`table3` for `all`).
 
@@ -159,6 +170,7 @@ def run_experiment(
     objects: int | None,
     points: str | None,
     epochs: int | None = None,
+    minutes: float | None = None,
     scans: Path | None = None,
     scans_up: str | None = None,
     budgets: tuple[str, ...] = (),
@@ -178,18 +190,26 @@ def run_experiment(
     from zbuf_occlude.studies.paper.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
     options |= {"scans": scans, "scans_up": scans_up, "budgets": tuple(dict.fromkeys(budgets)) or (CLOUDS,)}
+    options |= {"minutes": minutes or inf}
     bars = Bars()
     try:
-        n_worked = run_study(out, size, experiments=EXPERIMENTS if name == BOTH else (name,), progress=bars, **options)
+        work = run_study(out, size, experiments=EXPERIMENTS if name == BOTH else (name,), progress=bars, **options)
     finally:
         bars.close()
-    written = write_study(out)
-    for table in tables_of_answers(out):
-        echo(table.as_markdown(aligned=True))
-    echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
+    report = ""
+    if read_results(out):
+        report = f"; report: {write_study(out)[0]}"
+        for table in tables_of_answers(out):
+            echo(table.as_markdown(aligned=True))
+    echo(f"{counted(work.n_now, 'classifier')} trained or tested now{report}")
     if failed := read_study(out)["failed_meshes"]:
         head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
         echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
+    if work.n_done < work.n_planned:
+        done = f"{bars.n_made:,} of {bars.n_clouds:,} clouds and {work.n_done} of {work.n_planned} classifiers"
+        echo(f"The time is up: {done} are done. The same command continues.")
+        raise SystemExit(UNFINISHED)
+    if failed:
         raise SystemExit(SOME_FAILED)
 
 
@@ -198,16 +218,17 @@ class Bars(Progress):
 
     def __init__(self) -> None:
         self._bar: Any = None
-        self._n_trials = 0
+        self.n_clouds, self.n_made, self._n_trials = 0, 0, 0
         self._shares: dict[str, float] = {}
 
     def set_totals(self, n_clouds: int, n_trials: int) -> None:
         """Begin the bar of clouds."""
-        self._n_trials = n_trials
+        self.n_clouds, self._n_trials = n_clouds, n_trials
         self._bar = progress_bar(n_clouds, "clouds", "clouds")
 
     def add_clouds(self, n: int) -> None:
         """Advance the bar of clouds."""
+        self.n_made += n
         self._bar.update(n)
 
     def update_trial(self, key: str, share: float) -> None:

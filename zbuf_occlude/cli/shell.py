@@ -14,8 +14,8 @@ import click
 from zbuf_occlude.base.errors import OccludeError, OptionError, did_you_mean, escape_control
 from zbuf_occlude.base.limits import address_space
 
-SOME_FAILED = 3
-"""Exit code of a run in which some meshes failed."""
+SOME_FAILED, UNFINISHED = 3, 4
+"""Exit codes of a run in which some meshes failed, and of one whose time was up; the same command continues it."""
 
 
 def echo(text: object, *, err: bool = False) -> None:

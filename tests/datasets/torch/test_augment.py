@@ -80,6 +80,22 @@ def test_the_papers_three_in_a_row_leave_the_cloud_they_were_given(cloud: "torch
     assert torch.equal(Compose(())(cloud), cloud)
 
 
+def test_each_of_several_clouds_has_changes_of_its_own(cloud: "torch.Tensor") -> None:
+    several = cloud.expand(3, -1, -1)
+    turned = Rotate()(several)
+    for one in turned:
+        assert torch.equal(one[:, 2], cloud[:, 2])
+        assert torch.allclose(torch.linalg.norm(one, dim=1), torch.linalg.norm(cloud, dim=1), atol=1e-6)
+    ratio = Rescale()(several) / several
+    assert torch.allclose(ratio, ratio[:, :1, :1].expand_as(ratio), rtol=1e-4)
+    for changed in (turned, ratio, Jitter()(several)):
+        assert torch.pdist(changed.flatten(1)).min() > 1e-3
+    torch.manual_seed(7)
+    one = augmentation()(cloud)
+    torch.manual_seed(7)
+    assert torch.allclose(augmentation()(cloud[None])[0], one, atol=1e-6)
+
+
 def test_errors() -> None:
     with pytest.raises(OptionError, match=r"a scale must run upwards from above 0; got 2\.0\.\.1\.0"):
         Rescale(2.0, 1.0)

@@ -22,12 +22,15 @@ from zbuf_occlude.studies.learn.training import (  # noqa: E402
     CHECKPOINT,
     HISTORY,
     MODEL,
+    Epoch,
+    TimeUp,
     TrainConfig,
     Trained,
     load_trained,
     train,
 )
 
+GradScaler = torch.amp.GradScaler
 CONFIG = TrainConfig(epochs=5, batch_size=8, device="cpu")
 
 
@@ -139,6 +142,46 @@ def test_stopped_and_resumed_it_ends_with_the_same_weights(
     assert weights(resumed) == weights(undisturbed)
     assert resumed.history == undisturbed.history
     assert sorted(path.name for path in folder.iterdir()) == [HISTORY, MODEL]
+
+
+def test_it_stops_where_it_is_told_to_and_continues_there(tmp_path: Path) -> None:
+    whole = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "whole")
+
+    def stop(epoch: Epoch) -> None:
+        if epoch.number in (2, 5):
+            raise TimeUp
+
+    for _ in range(2):
+        with pytest.raises(TimeUp):
+            train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "parts", progress=stop)
+        assert [path.name for path in (tmp_path / "parts").iterdir()] == [CHECKPOINT]
+    parts = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "parts", progress=stop)
+    assert weights(parts) == weights(whole)
+    assert parts.history == whole.history
+
+
+def test_a_training_begun_without_mixed_precision_continues_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Begun on a CPU, continued as on a GPU: with factors that scale the loss."""
+
+    def stop(epoch: Epoch) -> None:
+        if epoch.number == 1:
+            raise TimeUp
+
+    with pytest.raises(TimeUp):
+        train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path, progress=stop)
+    scalers = []
+
+    def scaling(device: str, enabled: bool) -> Any:
+        assert not enabled
+        scalers.append(GradScaler(device, enabled=True))
+        return scalers[0]
+
+    monkeypatch.setattr("torch.amp.GradScaler", scaling)
+    assert len(train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path, progress=stop).history) == 5
+    assert len(scalers) == 1
+    assert scalers[0].state_dict()["_growth_tracker"] == 12, "steps of four epochs"
 
 
 def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def put_in_place(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(study, "_run_alone", run_alone)
 
 
-def run_alone(*given: Any) -> None:
+def run_alone(*given: Any) -> bool:
     """Run a trial in a child process with the light models."""
     put_in_place(pytest.MonkeyPatch())
-    run(*given)
+    return run(*given)

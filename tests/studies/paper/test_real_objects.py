@@ -1,5 +1,6 @@
 """`paper real`: training sets of road users, tests on the objects of a drive, the report; hand-computed figures."""
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -35,8 +36,8 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         light.put_in_place(patch)
         drive = write_kitti(out / "drive")
-        assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == len(RECIPES)
-        assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1) == 0, "all is there"
+        assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1).n_now == len(RECIPES)
+        assert run_study(out / "study", SMALL, experiments=[REAL], real=drive, workers=1).n_now == 0, "all is there"
         yield out / "study"
 
 
@@ -130,8 +131,10 @@ def test_table_has_a_row_for_each_model_and_training_set(study: Path) -> None:
 
 def test_another_drive_and_one_without_objects_are_refused(study: Path, tmp_path: Path) -> None:
     """Else the objects of the first would be tested again, as if they were the second's."""
-    with pytest.raises(DatasetError, match="study of the drive"):
+    with pytest.raises(DatasetError, match=r"study of the drive .*other; its objects are of another one"):
         run_study(study, SMALL, experiments=[REAL], real=write_kitti(tmp_path / "other"), workers=1)
+    moved = shutil.copytree(study.with_name("drive"), tmp_path / "copy")
+    assert run_study(study, SMALL, experiments=[REAL], real=moved, workers=1).n_now == 0, "the same one, elsewhere"
     empty = write_kitti(tmp_path / "empty")
     next(empty.rglob("label_2/*.txt")).write_text("DontCare -1 -1 -10 1 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n")
     with pytest.raises(DatasetError, match="none is left"):

@@ -39,11 +39,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("realism")
     with pytest.MonkeyPatch.context() as patch:
         light.put_in_place(patch)
-        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 8
-        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 0
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1).n_now == 8
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1).n_now == 0
         for write in (write_kitti, write_argoverse):
             real = write(out / write.__name__)
-            assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1, real=real) == 8, "tested on it"
+            assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1, real=real).n_now == 8, (
+                "tested on it"
+            )
     return out / "study"
 
 

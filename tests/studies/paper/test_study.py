@@ -1,5 +1,6 @@
 """A small study: both experiments, interrupted and resumed, scans added later; and folders that are refused."""
 
+import itertools
 import json
 import os
 import signal
@@ -19,7 +20,9 @@ from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError, Unava
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan  # noqa: E402
 from zbuf_occlude.meshes import MeshCollection, shapes  # noqa: E402
 from zbuf_occlude.studies.learn.data import CloudSet  # noqa: E402
+from zbuf_occlude.studies.learn.training import CHECKPOINT, load_trained  # noqa: E402
 from zbuf_occlude.studies.paper import experiments as experiments_module  # noqa: E402
+from zbuf_occlude.studies.paper import study as study_module  # noqa: E402
 from zbuf_occlude.studies.paper.design import (  # noqa: E402
     AUGMENTATION,
     CLOUDS,
@@ -41,7 +44,7 @@ from zbuf_occlude.studies.paper.experiments import (  # noqa: E402
 )
 from zbuf_occlude.studies.paper.real_scans import CLASSES  # noqa: E402
 from zbuf_occlude.studies.paper.results import FOLDER, Result, Trial, read_results, read_study  # noqa: E402
-from zbuf_occlude.studies.paper.study import run_study, run_trials  # noqa: E402
+from zbuf_occlude.studies.paper.study import CLASSIFIERS, run_study, run_trials  # noqa: E402
 from zbuf_occlude.studies.paper.study_report import write_study  # noqa: E402
 
 
@@ -89,7 +92,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_study(out, TINY, workers=1)
     assert all(path.stat().st_mtime_ns == time for path, time in done.items()), "and not made again"
     heard = Heard()
-    assert run_study(out, TINY, progress=heard, workers=1) == 0, "nothing is done twice"
+    assert run_study(out, TINY, progress=heard, workers=1).n_now == 0, "nothing is done twice"
     assert heard.made == heard.planned, "the bar of the clouds reaches its end"
     return out
 
@@ -123,7 +126,7 @@ def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))  # no time for the others
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
     heard = Heard()
-    assert run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], workers=2, progress=heard) == 6
+    assert run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], workers=2, progress=heard) == (6, 6, 6)
     whole = read_results(tmp_path / "other")
     assert len(whole) == 6
     finished = {path.stem for path in (tmp_path / "other" / FOLDER).iterdir()}
@@ -144,9 +147,9 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
     root = write_sydney(tmp_path / "scans", noise)
     before = {result.document["seconds"] for result in read_results(folder)}
     monkeypatch.setattr("zbuf_occlude.studies.learn.training._Run", None)  # training anything would fail
-    n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, workers=1)
+    work = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, workers=1)
     results: list[Result] = [result for result in read_results(folder) if result.experiment != ELEVATION]
-    assert n_worked == len(results)
+    assert work == (len(results),) * 3
     assert all(result.tests["scans"].counts.sum(axis=1).tolist() == [4] * 14 for result in results)
     assert all(result.tests["scans"].predicted == shapes.CLASSES for result in results)
     assert {result.document["seconds"] for result in read_results(folder)} == before
@@ -190,12 +193,76 @@ def test_a_worker_that_is_killed_or_fails_ends_the_command_in_one_line(
         run_trials([trial, replace(trial, facts={"model": "voxnet", "seed": 1})], TINY, tmp_path, Progress(), workers=2)
 
 
+def test_a_study_in_parts_on_several_machines_equals_a_whole_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock goes on by a minute where it is read: at the end of a shard, and of an epoch."""
+    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
+    size = replace(TINY, seeds=(0,), passes=96)
+    whole, parts = tmp_path / "whole", tmp_path / "machine 0"
+    assert run_study(whole, size, experiments=[AUGMENTATION], workers=1) == (3, 3, 3)
+    ticks = itertools.count()
+    monkeypatch.setattr(study_module, "monotonic", lambda: 60.0 * next(ticks))
+    work, stopped = [run_study(parts, size, experiments=[AUGMENTATION], workers=1, minutes=2)], set[Path]()
+    assert not (parts / FOLDER).exists(), "the first part ends within the clouds"
+    while work[-1].n_done < work[-1].n_planned:
+        parts = parts.rename(tmp_path / f"machine {len(work)}")
+        work.append(run_study(parts, size, experiments=[AUGMENTATION], workers=1, minutes=5))
+        stopped |= {path.relative_to(parts) for path in parts.rglob(CHECKPOINT)}
+        assert len(work) < 20
+    assert [each.n_done for each in work] == list(itertools.accumulate(each.n_now for each in work))
+    assert work[-1].n_done == 3
+    assert stopped, "a training was continued"
+    for one, other in zip(read_results(whole), read_results(parts), strict=True):
+        changing = {"seconds": 0.0}
+        assert one.document | changing == other.document | changing
+    for folder in (whole / CLASSIFIERS).iterdir():
+        one, other = (load_trained(root / CLASSIFIERS / folder.name) for root in (whole, parts))
+        assert one.history == other.history
+        weights = other.model.state_dict()
+        assert all(torch.equal(value, weights[name]) for name, value in one.model.state_dict().items())
+
+
+def flat_and_tall() -> CloudSet:
+    """Return sixteen random boxes, flat and tall in turn."""
+    labels = np.arange(16) % 2
+    sides = np.where(labels[:, None, None] == 0, [1.0, 0.8, 0.1], [0.3, 0.2, 1.0])
+    points = np.random.default_rng(0).random((16, 32, 3)) * sides
+    return CloudSet(points, labels, ("flat", "tall"), np.arange(16), np.full(16, np.nan))
+
+
+def test_workers_stop_at_the_end_of_an_epoch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process it is still time, in the workers no more."""
+    facts = {"model": "voxnet", "set": 1, "points": 32, "budget": CLOUDS}
+    clouds = (flat_and_tall, flat_and_tall, {"original": flat_and_tall})
+    trials = [Trial(AUGMENTATION, facts | {"seed": seed}, *clouds, abs) for seed in (0, 1, 2)]
+    monkeypatch.setattr(study_module, "monotonic", iter([-1.0, -1.0, 1.0]).__next__)
+    heard = Heard()
+    assert run_trials(trials, TINY, tmp_path, heard, workers=2, until=0.0) == 0
+    assert {path.parent.name for path in tmp_path.rglob(CHECKPOINT)} == {trial.key for trial in trials[:2]}
+    assert max(share for _, share in heard.trials) == pytest.approx(0.95 / 16), "one of 16 epochs"
+    monkeypatch.undo()
+    assert run_trials(trials[:1], TINY, tmp_path, Progress()) == 1
+    (result,) = read_results(tmp_path)
+    assert result.document["config"]["epochs"] == 16
+
+
+@pytest.mark.parametrize(("gigabytes", "n_workers"), [(78, 4), (20, 1), (8, 0), (400, 16)])
+def test_as_many_train_on_a_gpu_as_its_memory_and_the_cores_allow(
+    monkeypatch: pytest.MonkeyPatch, gigabytes: int, n_workers: int
+) -> None:
+    monkeypatch.setattr(study_module, "n_cores", lambda: 16)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (gigabytes << 30, 500 << 30))
+    assert study_module._n_workers() == n_workers
+
+
 def test_a_budget_given_later_is_more_classifiers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
     size = replace(TINY, seeds=(0,), passes=48, epochs=2)
     again = tmp_path / "budgets"
-    assert run_study(again, size, experiments=[AUGMENTATION], workers=1) == 3
-    assert run_study(again, size, experiments=[AUGMENTATION], budgets=(CLOUDS, EPOCHS), workers=1) == 3
+    assert run_study(again, size, experiments=[AUGMENTATION], workers=1) == (3, 3, 3)
+    assert run_study(again, size, experiments=[AUGMENTATION], budgets=(CLOUDS, EPOCHS), workers=1) == (3, 6, 6)
     rows = {(row.facts["set"], row.facts["budget"]): row.document for row in read_results(again)}
     n_training = {1: 32, 2: 16, 3: 48}
     assert {key: row["config"]["epochs"] for key, row in rows.items()} == {
@@ -212,6 +279,8 @@ def test_a_folder_of_another_study_is_refused(folder: Path, tmp_path: Path) -> N
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(DatasetError, match="must be empty or hold a study; it has other files"):
         run_study(tmp_path, TINY)
+    with pytest.raises(OptionError, match="minutes must be positive; got nan"):
+        run_study(tmp_path / "new", TINY, minutes=float("nan"))
     with pytest.raises(DatasetError, match="must be the Sydney Urban Objects dataset"):
         run_study(tmp_path / "new", TINY, scans=tmp_path)
     with pytest.raises(MeshError, match="must be ModelNet40's folder"):

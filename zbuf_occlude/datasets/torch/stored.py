@@ -307,9 +307,14 @@ def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tenso
     return torch.cat(clouds), offsets, torch.stack(labels)
 
 
+def _uniform(clouds: torch.Tensor) -> torch.Tensor:
+    """Return a random number in [0, 1) for each cloud: () for one (n, c), (b,) for several (b, n, c); float64, CPU."""
+    return torch.rand(clouds.shape[:-2]).double()
+
+
 @dataclass(frozen=True)
 class Rotate:
-    """Turn a cloud about the z axis by an angle uniform in [-angle, angle] (radians; all round by default).
+    """Turn clouds about the z axis, each by an angle uniform in [-angle, angle] (radians; all round by default).
 
     With `normals` columns 3 to 5 are normals, and turn along.
     """
@@ -318,19 +323,21 @@ class Rotate:
     normals: bool = False
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
-        """Return the changed cloud."""
-        turn = (2.0 * float(torch.rand(())) - 1.0) * self.angle
-        c, s = math.cos(turn), math.sin(turn)
-        matrix = cloud.new_tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        """Return the changed cloud (n, c), or clouds (b, n, c)."""
+        turn = (2.0 * _uniform(cloud) - 1.0) * self.angle
+        c, s = turn.cos(), turn.sin()
+        zero, one = torch.zeros_like(c), torch.ones_like(c)
+        rows = torch.stack([c, s, zero, -s, c, zero, zero, zero, one], dim=-1)
+        matrix = rows.view(*turn.shape, 3, 3).to(cloud, non_blocking=True)
         n_turned = 6 if self.normals else 3
         # one product of the same shape for each: a larger product rounds differently on some processors
-        turned = [cloud[:, first : first + 3].contiguous() @ matrix for first in range(0, n_turned, 3)]
-        return torch.cat([*turned, cloud[:, n_turned:]], dim=1)
+        turned = [cloud[..., first : first + 3].contiguous() @ matrix for first in range(0, n_turned, 3)]
+        return torch.cat([*turned, cloud[..., n_turned:]], dim=-1)
 
 
 @dataclass(frozen=True)
 class Rescale:
-    """Multiply a cloud by a factor uniform in [low, high], PointNet++'s range by default."""
+    """Multiply clouds, each by a factor uniform in [low, high], PointNet++'s range by default."""
 
     low: float = 0.8
     high: float = 1.25
@@ -340,9 +347,9 @@ class Rescale:
             raise OptionError(f"a scale must run upwards from above 0; got {self.low}..{self.high}.")
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
-        """Return the changed cloud."""
-        factor = self.low + (self.high - self.low) * float(torch.rand(()))
-        return torch.cat([cloud[:, :3] * factor, cloud[:, 3:]], dim=1)
+        """Return the changed cloud (n, c), or clouds (b, n, c)."""
+        factor = self.low + (self.high - self.low) * _uniform(cloud)[..., None, None]
+        return torch.cat([cloud[..., :3] * factor.to(cloud, non_blocking=True), cloud[..., 3:]], dim=-1)
 
 
 @dataclass(frozen=True)
@@ -357,10 +364,10 @@ class Jitter:
             raise OptionError(f"sigma and clip must not be negative; got {self.sigma} and {self.clip}.")
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
-        """Return the changed cloud."""
-        positions = cloud[:, :3]
+        """Return the changed cloud (n, c), or clouds (b, n, c)."""
+        positions = cloud[..., :3]
         moved = positions + (self.sigma * torch.randn_like(positions)).clamp(-self.clip, self.clip)
-        return torch.cat([moved, cloud[:, 3:]], dim=1)
+        return torch.cat([moved, cloud[..., 3:]], dim=-1)
 
 
 @dataclass(frozen=True)

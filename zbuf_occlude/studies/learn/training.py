@@ -110,6 +110,10 @@ class Epoch:
         return other is None or mine > (other.validation_accuracy, -other.validation_loss)
 
 
+class TimeUp(Exception):  # noqa: N818  (no error: an end)
+    """End of the time that a training or a study may take; the same call continues."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trained:
     """A trained classifier."""
@@ -173,7 +177,8 @@ def train(
 
     Both sets must have the same classes; `validation` decides which epoch is best and when to stop. The folder is
     created where it is missing. It holds the checkpoint and, at the end, the model and its history. `progress` is
-    called after each epoch. Checkpoints are written at the ends of epochs; an interrupt (Ctrl-C) writes the last one.
+    called after each epoch. Checkpoints are written at the ends of epochs; an interrupt (Ctrl-C), or `TimeUp` raised by
+    `progress`, writes the last one.
 
     All random draws follow from the seed and the number of the epoch, so a resumed training repeats an uninterrupted
     one. On a CPU the weights are equal to the last bit for the same number of threads; on CUDA as far as its kernels
@@ -224,7 +229,7 @@ def train(
             # last: the presence of this file marks the training as finished
             _write(folder / MODEL, about | {"weights": run.best_weights})
             (folder / CHECKPOINT).unlink(missing_ok=True)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, TimeUp):
             if finished["history"] and not (folder / MODEL).exists():
                 _write(folder / CHECKPOINT, finished | about)
             raise
@@ -279,7 +284,8 @@ class _Run:
         """Restore the state that `to_dict` returned."""
         self.model.load_state_dict(document["weights"])
         self.optimizer.load_state_dict(document["optimizer"])
-        self.scaler.load_state_dict(document["scaler"])
+        if document["scaler"]:  # of a training begun on a CPU it is empty
+            self.scaler.load_state_dict(document["scaler"])
         self.history = [Epoch(**epoch) for epoch in document["history"]]
         self.best = Epoch(**document["best"]) if document["best"] else None
         self.best_weights, self.seconds = document["best_weights"], document["seconds"]
@@ -310,7 +316,7 @@ class _Run:
         """Train on all clouds once; return the mean loss."""
         self.model.train()
         losses = []
-        batches = torch.randperm(len(self.points)).split(self.config.batch_size)
+        batches = torch.randperm(len(self.points)).to(self.device).split(self.config.batch_size)
         if len(batches[-1]) == 1:
             batches = batches[:-1]  # batch normalisation needs two clouds; each epoch leaves out another one
         for step, chosen in enumerate(batches):
@@ -318,15 +324,21 @@ class _Run:
             self.model.anneal_momentum(done)
             for group in self.optimizer.param_groups:
                 group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
-            points = torch.stack([self.augment(self.points[i] / self.sizes[i]) * self.sizes[i] for i in chosen])
+            points = self._augmented(self.points[chosen] / self.sizes[chosen]) * self.sizes[chosen]
             with torch.autocast(self.device.type, torch.float16, enabled=self.half):
-                loss = self.model.loss(points, self.labels[chosen.to(self.device)])
+                loss = self.model.loss(points, self.labels[chosen])
             self.optimizer.zero_grad()
             self.scaler.scale(loss).backward()
             self.scaler.step(self.optimizer)
             self.scaler.update()
             losses.append(loss.detach())
         return float(torch.stack(losses).mean())
+
+    def _augmented(self, clouds: torch.Tensor) -> torch.Tensor:
+        """Return the clouds (b, n, 3), each with random changes of its own."""
+        if clouds.is_cuda:
+            return self.augment(clouds)
+        return torch.stack([self.augment(cloud) for cloud in clouds])  # the draws of the published results
 
 
 def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:

@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError, GlError, MeshError, OptionError, UnavailableError
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.provenance import MeshSource, seed_of
 from zbuf_occlude.datasets.folder import MANIFEST
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.presets import MODELNET8, plan_of_originals, seventy_five_each, two_hundred
 from zbuf_occlude.datasets.source import open_dataset
+from zbuf_occlude.datasets.workers import Run, run_here
+from zbuf_occlude.datasets.workers.local import run_local
 from zbuf_occlude.engines.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes import shapes
@@ -64,6 +67,7 @@ from zbuf_occlude.studies.paper.figures import PLANES, cells_as_mesh, degrees, m
 from zbuf_occlude.studies.paper.real_scans import find_drive, read_objects, read_scans, resampled
 from zbuf_occlude.studies.paper.results import AREAS, Trial
 from zbuf_occlude.views import Views, modelnet8, paper100
+from zbuf_occlude.visibility import find_method
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
 MODELNET10 = (
@@ -156,6 +160,9 @@ def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshC
 class Experiment(ABC):
     """Experiment of a study: datasets in its folder, and the trials on them."""
 
+    n_workers = 1
+    """Number of processes that make a dataset."""
+
     def __init__(self, size: Size, folder: Path) -> None:
         self.size, self.folder = size, folder
 
@@ -190,7 +197,10 @@ class Experiment(ABC):
     def _make_dataset(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
         folder = self.dataset_folder(name)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
+        run: Run = run_here
+        if self.n_workers > 1 and not find_method(plan.config.method).needs_gl:  # whose absence is a GlError here only
+            run = partial(run_local, n_workers=self.n_workers, limits=Limits())
+        failures: dict[str, str] = generate(plan, folder, run=run, progress=progress)["failures"]
         used = {entry.label for entry in plan.meshes if entry.key not in failures}
         for entry in plan.meshes:
             if entry.label not in used:

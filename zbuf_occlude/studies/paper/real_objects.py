@@ -4,8 +4,10 @@ Road users of the built-in shapes are made into complete clouds, occluded ones a
 that are trained on them are tested on the labelled objects of real sweeps, and on simulated scans held out.
 """
 
+import hashlib
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial, reduce
 from pathlib import Path
@@ -19,6 +21,7 @@ from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_folder import OBJECTS
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.real.crops import crop_objects
+from zbuf_occlude.datasets.real.sweeps import find_sweeps
 from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -67,7 +70,7 @@ MERGED = {"bus": "truck"}
 BANDS = ((5.0, 20.0), (20.0, 35.0), (35.0, 50.0))
 """Ranges by which the answers about real objects are told apart, metres."""
 ABOUT = "drive.json"
-"""File that names the drive of the crops."""
+"""File with the identity of the drive of the crops."""
 SHOWN = 4
 """Real and simulated clouds of each class in the picture."""
 DRAWN_FROM = np.array([9.0, -12.0, 4.0])
@@ -132,14 +135,15 @@ class RealObjects(Experiment):
 
         Raises DatasetError where the crops are of another drive, or there is no object.
         """
-        about, path = {"drive": str(self.real.absolute())}, self.crops.with_name(ABOUT)
+        path, classes = self.crops.with_name(ABOUT), {name: list(labels) for name, labels in CLASSES.items()}
+        about = identity_of(self.real)
         if (self.crops / OBJECTS).exists():
-            if (there := json.loads(path.read_text(encoding="utf-8"))["drive"]) != about["drive"]:
+            if json.loads(path.read_text(encoding="utf-8")) != about:
                 raise DatasetError(
-                    f"{self.folder} must be a study of the drive {there}; got {self.real}. Choose another folder."
+                    f"{self.folder} must be a study of the drive {self.real}; its objects are of another one. Choose "
+                    "another folder."
                 )
             return {}
-        classes = {name: list(labels) for name, labels in CLASSES.items()}
         crops = crop_objects(self.real, classes=classes, least_points=LEAST_POINTS, range=RANGE)
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write_json(path, about)
@@ -207,6 +211,16 @@ class RealObjects(Experiment):
                 "least": LEAST_POINTS,
             }
         }
+
+
+def identity_of(drive: Path) -> dict[str, Any]:
+    """Return the number of sweeps and a digest of the first that can be read: the same wherever the folder lies."""
+    loaders, digest = find_sweeps(drive)[1], ""
+    for load in loaders:
+        with suppress(DatasetError):
+            digest = hashlib.sha256(np.ascontiguousarray(load().points).data).hexdigest()
+            break
+    return {"sweeps": len(loaders), "sha256": digest}
 
 
 @lru_cache(1)

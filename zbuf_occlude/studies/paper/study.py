@@ -1,14 +1,19 @@
 """Run a study: make the clouds of its experiments, train and test the classifiers, and store the results in a folder.
 
 A trial is one classifier; its result is one JSON file, written last. After an interruption the same call resumes:
-datasets, trainings from their last checkpoints, and results.
+datasets, trainings from their last checkpoints, and results. Nothing is looked up by a path or a device: a copied
+folder resumes on another machine with the same packages.
 """
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from datetime import date
+from itertools import takewhile
+from math import inf
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,7 +25,7 @@ from zbuf_occlude.base.provenance import n_cores, versions
 from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
 from zbuf_occlude.studies.compare.run import machine
 from zbuf_occlude.studies.learn.evaluation import evaluate
-from zbuf_occlude.studies.learn.training import Epoch, TrainConfig, train
+from zbuf_occlude.studies.learn.training import Epoch, TimeUp, TrainConfig, train
 from zbuf_occlude.studies.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REAL, REALISM, Progress, Size
 from zbuf_occlude.studies.paper.experiments import (
     Augmentation,
@@ -39,6 +44,16 @@ CLASSIFIERS = "classifiers"
 """Folder of the trained models in a study's folder."""
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
 """Experiments of the paper."""
+GPU_BYTES = 16 * 2**30
+"""Memory of a GPU for each of the processes that train on it at once."""
+
+
+class Work(NamedTuple):
+    """Work on a study."""
+
+    n_now: int  # classifiers trained or tested in this call
+    n_done: int  # classifiers with all results
+    n_planned: int  # classifiers of the study; more than `n_done` where the time was up
 
 
 def run_study(
@@ -52,10 +67,11 @@ def run_study(
     real: Path | None = None,
     budgets: Sequence[str] = (CLOUDS,),
     voxels: int | None = None,
+    minutes: float = inf,
     progress: Progress | None = None,
     workers: int | None = None,
-) -> int:
-    """Make the clouds, train and test the classifiers of a study; return how many were trained or tested now.
+) -> Work:
+    """Make the clouds, train and test the classifiers of a study, or continue until the time is up.
 
     Parameters
     ----------
@@ -74,19 +90,25 @@ def run_study(
         As in `Augmentation`; a budget given later is added to the results.
     voxels : int, optional
         As in `as_voxels`.
+    minutes : float
+        Time after which to stop: at the next end of a dataset's shard, or of an epoch of each training. What is
+        finished is kept, trainings as checkpoints, and the same call continues.
     progress : Progress, optional
     workers : int, optional
-        As in `run_trials`.
+        Number of processes that make a dataset, and that train as in `run_trials`. Default: one per core.
 
     Raises
     ------
     DatasetError
         The folder holds another study, or `scans` or `real` is not such a dataset.
     OptionError
-        `voxels` is out of range, or `REAL` has no `real`.
+        `voxels` or `minutes` is out of range, or `REAL` has no `real`.
     MeshError
         `modelnet` is neither dataset, or no mesh of a class can be used.
     """
+    if not minutes > 0.0:
+        raise OptionError(f"minutes must be positive; got {minutes}.")
+    until = monotonic() + 60.0 * minutes
     progress, turned = progress or Progress(), None
     if scans is not None:
         check_scans(scans)  # raises before hours of work
@@ -115,14 +137,29 @@ def run_study(
     study = _open_study(folder, size, objects)
     if turned:
         _note_scans(folder, study, *turned)
-    n_trials = sum(len(experiment.trials()) for experiment in chosen)
-    progress.set_totals(sum(experiment.max_clouds for experiment in chosen), n_trials)
-    for experiment in chosen:
-        study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds)
-        study |= experiment.notes()
-        atomic.write_json(folder / STUDY, study)
     trials = [trial for experiment in chosen for trial in experiment.trials()]
-    return run_trials(trials, size, folder, progress, workers)
+    progress.set_totals(sum(experiment.max_clouds for experiment in chosen), len(trials))
+
+    def add_clouds(n: int) -> None:
+        progress.add_clouds(n)
+        _check_time(until)
+
+    n_now = 0
+    with suppress(TimeUp):
+        for experiment in chosen:
+            experiment.n_workers = n_cores() if workers is None else workers
+            study["failed_meshes"] |= experiment.make_datasets(add_clouds)
+            study |= experiment.notes()
+            atomic.write_json(folder / STUDY, study)
+        trials = [trial for experiment in chosen for trial in experiment.trials()]  # of the methods that can run here
+        n_now = run_trials(trials, size, folder, progress, workers, until)
+    return Work(n_now, sum(not _missing_tests(trial, folder) for trial in trials), len(trials))
+
+
+def _check_time(until: float) -> None:
+    """Raise TimeUp from a time of the monotonic clock, seconds; all processes of a machine have the same clock."""
+    if monotonic() >= until:
+        raise TimeUp
 
 
 def _note_scans(folder: Path, study: dict[str, Any], root: Path, frame: UpAxis) -> None:
@@ -161,34 +198,38 @@ def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
 
 
 def run_trials(
-    trials: Sequence[Trial], size: Size, folder: Path, progress: Progress, workers: int | None = None
+    trials: Sequence[Trial],
+    size: Size,
+    folder: Path,
+    progress: Progress,
+    workers: int | None = None,
+    until: float = inf,
 ) -> int:
-    """Train and test the trials without complete results; return their number.
+    """Train and test the trials without complete results; return the number of those finished now.
 
-    `workers` is the number of processes, each with a trial of its own (small networks gain little from several cores).
-    Default: one per core, or only this process where CUDA is available. A trained classifier is tested only on tests
-    that it lacks. Raises UnavailableError where a worker was killed.
+    `workers` is the number of processes, each with a trial of its own (small networks gain little from several cores,
+    and do not fill a GPU). Default: one per core, but on a GPU one per `GPU_BYTES` of its free memory. A trained
+    classifier is tested only on tests that it lacks. From the time `until` of the monotonic clock (seconds) no trial
+    begins, and trainings stop at the end of their epoch. Raises UnavailableError where a worker was killed.
     """
     missing = [trial for trial in trials if _missing_tests(trial, folder)]
     for trial in set(trials) - set(missing):
         progress.update_trial(trial.key, 1.0)
-    if workers is None:
-        workers = 1 if torch.cuda.is_available() else n_cores()
-    workers = min(workers, len(missing))
+    workers = min(_n_workers() if workers is None else workers, len(missing))
+    left = takewhile(lambda trial: monotonic() < until, missing)
     if workers < 2:
-        for trial in missing:
-            _run_trial(trial, size, folder, progress.update_trial)
-        return len(missing)
+        return sum(_run_trial(trial, size, folder, until, progress.update_trial) for trial in left)
     n_threads, children = max(1, n_cores() // workers), [Child() for _ in range(workers)]
-    idle, busy, left = children, dict[Any, Child](), iter(missing)
+    idle, busy, n_finished = children, dict[Any, Child](), 0
     try:
         while True:
             for child, trial in zip(idle, left, strict=False):
-                child.start(_run_alone, n_threads, trial, size, folder)
+                child.start(_run_alone, n_threads, trial, size, folder, until)
                 busy[child.pipe] = child
             if not busy:
-                return len(missing)
+                return n_finished
             idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.update_trial)]
+            n_finished += sum(child.result for child in idle)
     except ChildFailed as failure:
         raise UnavailableError(
             f"A worker of the training failed: its process {failure}. Memory may be exhausted. Results so far are "
@@ -199,10 +240,17 @@ def run_trials(
             child.kill()
 
 
-def _run_alone(n_threads: int, trial: Trial, size: Size, folder: Path) -> None:
+def _n_workers() -> int:
+    """Return the number of processes that train at once: one per core, as far as the memory of a GPU suffices."""
+    if not torch.cuda.is_available():
+        return n_cores()
+    return min(n_cores(), torch.cuda.mem_get_info()[0] // GPU_BYTES)
+
+
+def _run_alone(n_threads: int, trial: Trial, size: Size, folder: Path, until: float) -> bool:
     """Run a trial in a child process, with its share of the cores."""
     torch.set_num_threads(n_threads)
-    _run_trial(trial, size, folder, report_progress)
+    return _run_trial(trial, size, folder, until, report_progress)
 
 
 def _missing_tests(trial: Trial, folder: Path) -> list[str]:
@@ -211,8 +259,8 @@ def _missing_tests(trial: Trial, folder: Path) -> list[str]:
     return [name for name in trial.tests if result is None or name not in result.tests]
 
 
-def _run_trial(trial: Trial, size: Size, folder: Path, report: Any) -> None:
-    """Train or load a classifier, run its missing tests, and write its result."""
+def _run_trial(trial: Trial, size: Size, folder: Path, until: float, report: Any) -> bool:
+    """Train or load a classifier, run its missing tests, and write its result; return False where the time is up."""
     report(trial.key, 0.0)
     path, names = path_of(folder, trial.key), _missing_tests(trial, folder)
     result = read_result(path)
@@ -229,8 +277,12 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any) -> None:
 
     def after(epoch: Epoch) -> None:
         report(trial.key, 0.95 * epoch.number / epochs)  # the rest is for testing
+        _check_time(until)
 
-    trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
+    try:
+        trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
+    except TimeUp:
+        return False
     tests: dict[str, Any] = dict(result.document["tests"]) if result else {}
     for name in names:
         found = evaluate(trained.model, trial.tests[name](), trained.classes)
@@ -255,3 +307,4 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     atomic.write_json(path, document)
     report(trial.key, 1.0)
+    return True
