@@ -265,6 +265,9 @@ def draw(found: dict[str, Found], out: Path) -> None:
             clocks.setdefault(f"{each['method']}{subject}", []).append((each["workers"], each["clock"]))
         for name, line in clocks.items():
             panels[3].loglog(*zip(*line, strict=True), "o-", markersize=3.5, label=name)
+    for panel in panels:
+        panel.tick_params(which="both", labelsize=8)
+        panel.xaxis.set_minor_formatter("")
     panels[3].set_title("seconds of a whole job", fontsize=10)
     panels[3].set_xlabel("workers")
     if panels[3].lines:

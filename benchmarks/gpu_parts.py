@@ -76,14 +76,12 @@ SMALL = Amount(
     views=(1, 16),
     middle=(5_000, 2_000, 16),
     call=0.02,
-    fast_seconds=12.0,
+    fast_seconds=8.0,
     job_meshes=8,
     job_views="ring:4@30",
-    workers=(2, 1),
-    job_seconds=8.0,
+    workers=(2,),
     core_workers=(2, 1),
-    core_seconds=9.0,
-    frames=2,
+    frames=1,
     soak=2.0,
 )
 

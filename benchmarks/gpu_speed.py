@@ -94,10 +94,11 @@ def measured_subject(
     began = time.perf_counter()
     with make() as occluder:
         prepare = time.perf_counter() - began
-        occluder.visible(points, eyes[:1])  # compiles
-        one = in_turns({"": lambda: occluder.visible(points, eyes[:1])}, 1)[""][0]
-        asked = eyes[: int(np.clip(seconds / one, 1, len(eyes)))]
-        occluder.visible(points, asked)  # compiles what many eyes take
+        n = 1
+        while n < len(eyes) and 4 * in_turns({"": partial(occluder.visible, points, eyes[:n])}, 2)[""][1] < seconds:
+            n = min(4 * n, len(eyes))
+        asked = eyes[:n]
+        occluder.visible(points, asked)  # compiles what so many eyes take
         anew = points.select(np.arange(len(points)))
         first, *again = in_turns({"": lambda: occluder.visible(anew, asked)}, 4)[""]
     pairs = len(points) * len(asked)
