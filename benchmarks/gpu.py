@@ -1,4 +1,4 @@
-"""Everything to be known about a GPU in eight minutes: right answers, speed, whole datasets, cores, frames, memory.
+"""A GPU measured whole: right answers, speed, datasets by `generate`, cores, frames, memory.
 
     python benchmarks/gpu.py [PART ...] [--out build/gpu] [--small]
 
@@ -10,7 +10,8 @@ cores    the same by exact alone, a thread a worker: speed-up, and the serial sh
 frames   640 x 480 pixels of depth, normals and faces, beside pyrender
 soak     renders in 20 seconds: memory, answers; what a full device says
 
-Without names: all. Each part runs in a process of its own and leaves PART.json in the folder of --out. One that is
+Without names: all, made to end within eight minutes beside a data-centre GPU with 16 cores; what would take longer is
+left out and named. Each part runs in a process of its own and leaves PART.json in the folder of --out. One that is
 there is not run again, unless it failed. In the end all that is there is told in gpu.md, which is printed too, and in
 gpu.png (with matplotlib). Warp, PyTorch, embreex and pyrender are measured where they are installed. Meshes are those
 of the folder ZBUF_OCCLUDE_DATA, or built-in shapes. Exit status 1 when a part failed.
@@ -268,9 +269,13 @@ def draw(found: dict[str, Found], out: Path) -> None:
     for panel in panels:
         panel.tick_params(which="both", labelsize=8)
         panel.xaxis.set_minor_formatter("")
+    for formatted in (panels[3].yaxis.set_major_formatter, panels[3].yaxis.set_minor_formatter):
+        formatted("{x:g}")
     panels[3].set_title("seconds of a whole job", fontsize=10)
     panels[3].set_xlabel("workers")
     if panels[3].lines:
+        panels[3].set_xticks(sorted({x for line in panels[3].lines for x in line.get_xdata()}))
+        panels[3].xaxis.set_major_formatter("{x:g}")
         panels[3].legend(fontsize=7)
     figure.savefig(out, dpi=110)
 

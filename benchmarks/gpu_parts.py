@@ -61,7 +61,7 @@ class Amount:
     job_seconds: float = 110.0
     core_workers: Sequence[int] = (16, 8, 4, 2, 1)
     core_seconds: float = 80.0
-    frames: int = 48
+    frames: int = 24
     soak: float = 20.0
 
 
@@ -76,7 +76,7 @@ SMALL = Amount(
     views=(1, 16),
     middle=(5_000, 2_000, 16),
     call=0.02,
-    fast_seconds=8.0,
+    fast_seconds=15.0,
     job_meshes=8,
     job_views="ring:4@30",
     workers=(2,),
