@@ -8,12 +8,13 @@ uniform int n_eyes;       // eyes of this batch
 uniform int first_word;   // first word of the batch's answers
 uniform int n_words;      // words of a group of 8 eyes
 uniform int first_block;  // first block of 256 points of this dispatch
+uniform int dispatch;     // number of this dispatch
 
 #include "tiles.glsl"
 #include "points.glsl"
 #include "votes.glsl"
 
-layout(std430, binding = 2) buffer Count { uint count; };
+layout(std430, binding = 2) buffer Counts { uint counts[]; };  // doubtful pairs of each dispatch
 layout(std430, binding = 3) writeonly buffer Doubtful { uint doubtful[]; };
 
 const uint HIDDEN = 0u, VISIBLE = 1u, DOUBTFUL = 256u;
@@ -29,10 +30,10 @@ uint ask(int eye, Point point)
 void list(uint doubts, uint block)
 {
     if (doubts == 0u) return;
-    uint index = atomicAdd(count, uint(bitCount(doubts)));
+    uint index = atomicAdd(counts[dispatch], uint(bitCount(doubts)));
     for (; doubts != 0u; doubts &= doubts - 1u) {
         uint bit = uint(findLSB(doubts));
-        uint slot = block * 256u + (bit >> 3) * 64u + gl_LocalInvocationID.x, eye = gl_WorkGroupID.y * 8u + (bit & 7u);
+        uint slot = block * 256u + gl_LocalInvocationID.x * 4u + (bit >> 3), eye = gl_WorkGroupID.y * 8u + (bit & 7u);
         doubtful[index++] = eye << 20 | slot;
     }
 }

@@ -5,6 +5,7 @@
 #version 430
 layout(local_size_x = 64) in;
 
+uniform int dispatch;    // number of the dispatch of vote.comp
 uniform int first_word;  // first word of this batch's answers
 uniform int n_words;     // words of a group of 8 eyes
 uniform float contact;   // unit space
@@ -13,7 +14,7 @@ uniform float contact;   // unit space
 #include "points.glsl"
 #include "votes.glsl"
 
-layout(std430, binding = 2) readonly buffer Count { uint count; };
+layout(std430, binding = 2) readonly buffer Counts { uint counts[]; };
 layout(std430, binding = 3) readonly buffer Doubtful { uint doubtful[]; };
 layout(std430, binding = 4) readonly buffer Corners { vec4 corners[]; };  // 3 corners per face, in drawing order
 layout(binding = 1) uniform isampler2D faces;
@@ -102,12 +103,12 @@ bool hidden(int eye, Point point)
 void main()
 {
     uint stride = gl_NumWorkGroups.x * 64u;
-    for (uint i = gl_GlobalInvocationID.x; i < count; i += stride) {
+    for (uint i = gl_GlobalInvocationID.x; i < counts[dispatch]; i += stride) {
         uint slot = doubtful[i] & 0xFFFFFu;
         int eye = int(doubtful[i] >> 20);
         if (hidden(eye, point_at(slot))) continue;
         // the bit of this pair's answer in ask_all.glsl
-        uint word = (slot >> 8) * 64u + (slot & 63u), bit = (slot >> 6 & 3u) * 8u + uint(eye & 7);
-        atomicOr(answers[uint(first_word) + uint(eye >> 3) * uint(n_words) + word], 1u << bit);
+        uint bit = (slot & 3u) * 8u + uint(eye & 7);
+        atomicOr(answers[uint(first_word) + uint(eye >> 3) * uint(n_words) + (slot >> 2)], 1u << bit);
     }
 }

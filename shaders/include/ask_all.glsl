@@ -8,7 +8,7 @@ void main()
     uint block = uint(first_block) + gl_WorkGroupID.x;
     uint visible = 0u, doubts = 0u;
     for (uint part = 0u; part < 4u; part++) {
-        Point point = point_at(block * 256u + part * 64u + gl_LocalInvocationID.x);
+        Point point = point_at(block * 256u + gl_LocalInvocationID.x * 4u + part);
         uint found = 0u;
         for (int i = 0; i < $EYES; i++) found |= ask(eye + i, point) << i;
         visible |= (found & 0xFFu) << (8u * part);

@@ -66,7 +66,7 @@ def test_meshes_without_a_context_share_one_and_lose_no_memory(name: str) -> Non
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
 def test_a_thread_s_context_ends_with_it() -> None:
-    """9 MB of each were kept."""
+    """9 MB of each were kept. The allocator's arenas grow once, at any time."""
     child = run_program("""
         import os, threading
         from tests.visibility.test_gl_threads import ask
@@ -77,8 +77,8 @@ def test_a_thread_s_context_ends_with_it() -> None:
                 thread.start()
                 thread.join()
             return resident_gigabytes(os.getpid())
-        before = in_threads(4)
-        grown = in_threads(9) - before
+        sizes = [in_threads(times) for times in (4, 9, 9)]
+        grown = min(sizes[1] - sizes[0], sizes[2] - sizes[1])
         assert grown < 0.04, f"9 threads left {1000 * grown:.0f} MB"
     """)
     assert child.returncode == 0, child.stderr

@@ -1,6 +1,7 @@
 """Irregular z-buffer as a compute pass: exact visibility for packets of points and many eyes at once."""
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -51,7 +52,13 @@ LEAF = 8
 BLOCK = 256
 """Packets per block of a thread."""
 
+WORDS = 128
+"""Words of 32 answers per block of a thread."""
+
 NO_INDEX = np.uint32(0xFFFFFFFF)
+
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Indices of eyes, and of points."""
 
 EXACT_POINT = np.dtype([("position", "<f8", 3), ("order", "<u4"), ("unused", "<u4")])
 EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)])
@@ -296,22 +303,26 @@ class ExactPass:
             uploaded.parts.append((part, len(arrays.packets), buffers))
         return uploaded
 
-    def visible(self, points: PointPackets, eyes: FloatArray) -> BoolArray:
-        """Return which points no face certainly hides from each eye (k, 3), world space, and which are undecided.
+    def visible(self, points: PointPackets, eyes: FloatArray) -> tuple[BoolArray, Pairs]:
+        """Return which points no face certainly hides from each eye (k, 3), world space; and the undecided pairs.
 
         Returns
         -------
-        (2, k, n) bool
-            A point is undecided if a face may hide it, but its edge or plane is too near for float64 to decide.
+        visible : (k, n) bool
+        undecided : pair of (m,) int
+            Eyes and points of pairs that a face may hide, but its edge or plane is too near for float64 to decide.
         """
         program = self._program(points.shape)
-        answer = np.empty((2, len(eyes), points.n_points), dtype=np.bool_)
+        answer = np.empty((len(eyes), points.n_points), dtype=np.bool_)
+        undecided: list[Pairs] = []
         with Buffers(self._gl, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
             eye_buffer.bind(eyes=6)
             for part, n_packets, buffers in points.parts:
                 buffers.bind(points=3, exact=4, packets=5)
-                self._answer(program, n_packets, answer[:, :, part])
-        return answer
+                for rows, columns in self._answer(program, n_packets, answer[:, part]):
+                    undecided.append((rows, columns + part.start))
+        rows, columns = (np.concatenate(each) for each in zip(*undecided, strict=True))
+        return answer, (rows, columns)
 
     def _program(self, shape: WorkGroup) -> Any:
         """Return the program for a work group, which the context compiles when it is first needed."""
@@ -320,16 +331,16 @@ class ExactPass:
         program["contact64"].value = self._contact
         return program
 
-    def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
-        """Answer for the bound points, into (2, k, n)."""
-        _, k, n = answer.shape
+    def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> Iterator[Pairs]:
+        """Answer for the bound points, into (k, n), and yield the undecided pairs of some eyes at a time."""
+        k, n = answer.shape
         words = -(-n // 32)
         # two rows of bits per eye, and the list of unfinished tasks: at most all pairs of eye and packet
         row, limit = max(8 * words, 8 * n_packets), answer_limit(self._gl) - 4 * _HEAD
         most = max(1, min(limit // row, _MAX_GROUPS, k))
         program["n_packets"].value = n_packets
         program["words"].value = words
-        bits = np.empty((most, 2, words), dtype=np.uint32)
+        bits: NDArray[np.uint32] = np.empty((most, 2, words), dtype=np.uint32)
         with Buffers(self._gl, bits=bits.nbytes, unfinished=8 * most * n_packets + 4 * _HEAD) as buffer:
             buffer.bind(bits=7, unfinished=9)
             first = 0
@@ -344,9 +355,11 @@ class ExactPass:
                 buffer.read_into("bits", bits[: last - first])
                 groups = (last - first) * n_packets * len(self._face_parts)
                 self._groups_per_second = groups / max(time.perf_counter() - began, 1e-6)
-                unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=2, count=n, bitorder="little")
-                hidden, undecided = unpacked.view(np.bool_).transpose(1, 0, 2)
-                answer[:, first:last] = ~hidden, undecided & ~hidden
+                hidden, undecided = bits[: last - first, 0], bits[: last - first, 1]
+                read = answer[first:last].view(np.uint8)
+                parallel_for(_read, n_blocks(words, WORDS), hidden, read)
+                eyes, points = _set_bits(undecided & ~hidden)
+                yield eyes + first, points
                 first = last
 
     def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
@@ -390,6 +403,33 @@ class ExactPass:
         """Free the GPU's memory."""
         for part in self._face_parts:
             part.buffers.release()
+
+
+@parallel_kernel
+def _read(tasks, hidden, answer):
+    """Write blocks of answers (k, n), 0 for each bit of `hidden` (k, words) that is set, else 1."""
+    n = answer.shape[1]
+    begin, end = take_block(tasks, hidden.shape[1], WORDS)
+    while begin < end:
+        for eye in range(len(answer)):
+            row = answer[eye]
+            for word in range(begin, end):
+                shown, first = ~hidden[eye, word], 32 * word
+                if first + 32 <= n:
+                    for bit in range(32):
+                        row[first + bit] = np.uint8(shown >> np.uint32(bit) & np.uint32(1))
+                else:
+                    for bit in range(n - first):
+                        row[first + bit] = np.uint8(shown >> np.uint32(bit) & np.uint32(1))
+        begin, end = take_block(tasks, hidden.shape[1], WORDS)
+
+
+def _set_bits(words: NDArray[Any]) -> Pairs:
+    """Return rows and columns of the set bits of (k, words)."""
+    rows, places = np.nonzero(words)
+    bits_of_words = np.unpackbits(words[rows, places].view(np.uint8).reshape(-1, 4), axis=1, bitorder="little")
+    found, bits = np.nonzero(bits_of_words)
+    return rows[found], 32 * places[found] + bits
 
 
 def _divided(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:

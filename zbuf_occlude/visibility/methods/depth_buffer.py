@@ -145,14 +145,11 @@ class DepthBuffer(VisibilityQuery):
         """Upload points to the GPU, in parts, unless they are the last ones uploaded: points are immutable."""
         if self._uploaded is None or self._uploaded[0] is not points:
             self._forget()
-            free = points.face_ids < 0
-            positions = self._unit.to(points.positions)
-            normals = np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids])
-            own = np.where(free, np.int32(-1), self._arrays.ranks[points.face_ids])
             uploaded: list[UploadedPoints] = []
             self._uploaded = points, uploaded
             for part in parts(len(points), MAX_POINTS):
-                uploaded.append(UploadedPoints(self._gl, positions[part], normals[part], own[part]))
+                of = points.positions[part], points.face_ids[part], self._arrays, self._unit
+                uploaded.append(UploadedPoints(self._gl, *of))
         return self._uploaded[1]
 
     def _forget(self) -> None:
@@ -195,8 +192,8 @@ class DepthBuffer(VisibilityQuery):
             try:
                 first = 0
                 for part in points:
-                    mine = out[:, first : first + len(part.bytes)]
-                    first += len(part.bytes)
+                    mine = out[:, first : first + len(part)]
+                    first += len(part)
                     passes.append(PointPass(self._gl, part, mine, batches, doubts=self._witness))
                 depth_pass.atlas.use(depths=0, faces=1)
                 self._mesh_buffers.bind(corners=4)

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.errors import check_fraction
 from zbuf_occlude.engines.exact import Engine
@@ -60,10 +58,10 @@ class ExactGl(VisibilityQuery):
             self._last = points, self._pass.upload(points.positions, points.face_ids)
         answer, undecided = self._pass.visible(self._last[1], eyes)
         self._gl.check()
-        if undecided.any():
-            self.n_undecided += int(undecided.sum())
+        if n_undecided := len(undecided[0]):
+            self.n_undecided += n_undecided
             self._engine = self._engine or Engine(self.mesh, self._contact)
-            self._engine.answer_pairs(points.positions, points.face_ids, eyes, np.nonzero(undecided), answer)
+            self._engine.answer_pairs(points.positions, points.face_ids, eyes, undecided, answer)
         return answer
 
     def _forget(self) -> None:
