@@ -305,7 +305,8 @@ def cores(amount: Amount) -> dict[str, Any]:
     if len(workers) > 1:  # Amdahl's law by least squares: seconds = serial + parallel / workers
         system = np.stack([np.ones_like(workers), 1.0 / workers], axis=1)
         (serial, parallel), *_ = np.linalg.lstsq(system / clocks[:, None], np.ones_like(clocks), rcond=None)
-        made |= {"serial_seconds": serial, "serial_share": serial / (serial + parallel)}
+        share = float(np.clip(serial / (serial + parallel), 0.0, 1.0))
+        made |= {"serial_seconds": share * float(serial + parallel), "serial_share": share}
     return made
 
 
@@ -315,16 +316,19 @@ def datasets_made(amount: Amount, runs: Sequence[tuple[str, int, dict[str, str]]
     with tempfile.TemporaryDirectory() as place:
         meshes, out = Path(place, "meshes"), Path(place, "out")
         source = lay_out(meshes, amount.job_meshes)
-        options = ["--points", "10000", "--sample-size", "1024", "--views", amount.job_views, "--overwrite"]
+        common = [sys.executable, "-m", "zbuf_occlude", "generate", str(meshes), "--out", str(out), "--overwrite"]
+        common += ["--points", "10000", "--sample-size", "1024", "--views", amount.job_views]
+        commands = {method: [*common, "--method", method] for method, _, _ in runs}
+        for method, command in commands.items():
+            if not amount.software:
+                command += ["--require-gpu"] if find_method(method).needs_gl else []
+                call_in_child(cost_of, [*command, "--limit", "2"], out, timeout=PATIENCE)  # compiles
         for method, n_workers, environment in runs:
             before = [row["clock"] * row["workers"] / n_workers for row in rows if row["method"] == method]
             if before and time.perf_counter() - began + min(before) > limit:
                 left_out.append(f"{method}, workers {n_workers}")
                 continue
-            command = [sys.executable, "-m", "zbuf_occlude", "generate", str(meshes), "--out", str(out), *options]
-            command += ["--method", method, "--workers", str(n_workers)]
-            if find_method(method).needs_gl and not amount.software:
-                command.append("--require-gpu")
+            command = [*commands[method], "--workers", str(n_workers)]
             with CardWatch() as card:
                 cost = call_in_child(partial(cost_of, **environment), command, out, timeout=PATIENCE)
             rows.append({"method": method, "workers": n_workers, **cost._asdict(), **card.found})
