@@ -20,7 +20,7 @@ RESOLUTIONS = (256, 512, 1024)
 PLAIN, WITNESS = "depth_buffer:resolution={},refine=none", "depth_buffer:resolution={}"
 ROWS = (
     ("`exact`", ["exact"], "when the answer must be right; needs no GPU"),
-    ("`exact_gl`", ["exact_gl"], "the same on a GPU (not measured on one yet)"),
+    ("`exact_gl`", ["exact_gl"], "the same on a GPU (not tuned for one yet)"),
     (
         "`depth_buffer` 256 / 512 / 1024",
         [WITNESS.format(n) for n in RESOLUTIONS],
