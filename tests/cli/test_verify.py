@@ -10,6 +10,7 @@ from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import MeshCollection
+from zbuf_occlude.datasets.counts import interval
 from zbuf_occlude.datasets.folder import checksums
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
@@ -57,7 +58,7 @@ def test_no_error_among_few_pairs_promises_little(
     path = tmp_path / "out" / "manifest.json"
     manifest = json.loads(path.read_text())
     assert 0.01 < manifest["error"]["false_visible"] < 0.15
-    manifest["error"] |= {"false_visible": 0.0, "n_checked": n_checked}
+    manifest["error"] |= {"false_visible": 0.0, "false_hidden": 0.0, "interval": interval(0, n_checked)}
     path.write_text(json.dumps(manifest))
     run(f"verify out {modelnet}", code=code)
 

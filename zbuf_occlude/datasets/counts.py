@@ -1,11 +1,14 @@
 """Counts of what was made and checked, added up from mesh to dataset; the measured error and its interval."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zbuf_occlude.base.arrays import BoolArray
 from zbuf_occlude.sensors.scan_config import LEAST_POINTS
 
 BAD_VIEW = 0.01
@@ -59,6 +62,9 @@ class QualityCounts:
     false_hidden: int = 0
     n_views_checked: int = 0
     n_bad_views: int = 0  # of these, views with a larger share of wrong points than `BAD_VIEW`
+    wrong_squared: int = 0  # sums over the checked views: number of wrong answers, squared
+    wrong_checked: int = 0  # that number times the number of checked points
+    checked_squared: int = 0  # the latter, squared
     worst: WorstView | None = None
     n_without_colors: int = 0  # meshes that lack some of the colours asked for
     n_with_far_faces: int = 0  # meshes with a few faces that make the contact tolerance large for all others
@@ -90,6 +96,28 @@ class QualityCounts:
         return cls(n_returns=n_returns, n_too_near=n_near, n_too_far=n_far, clear_range=clear_range)
 
     @classmethod
+    def of_views(
+        cls, behind: BoolArray, before: BoolArray, numbers: NDArray[np.integer[Any]], place: WorstView
+    ) -> "QualityCounts":
+        """Count wrong answers about v views of n points, (v, n): false visible, and false hidden.
+
+        `numbers`, (v,), are the views' indices; `place` names mesh and variation.
+        """
+        wrong, n = (behind | before).sum(axis=1), behind.shape[1]
+        worst = int(wrong.argmax())
+        return cls(
+            n_checked=behind.size,
+            false_visible=int(behind.sum()),
+            false_hidden=int(before.sum()),
+            n_views_checked=len(wrong),
+            n_bad_views=int((wrong > BAD_VIEW * n).sum()),
+            wrong_squared=int((wrong * wrong).sum()),
+            wrong_checked=n * int(wrong.sum()),
+            checked_squared=n * behind.size,
+            worst=place._replace(share=float(wrong[worst] / n), view=int(numbers[worst])),
+        )
+
+    @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "QualityCounts":
         """Read back what `to_dict` gave."""
         worst = document["worst"]
@@ -99,15 +127,26 @@ class QualityCounts:
     def error(self) -> dict[str, Any]:
         """The measured error; None where nothing was checked. ``interval`` bounds the share of all wrong answers."""
         n, n_views = self.n_checked, self.n_views_checked
+        n_wrong = self.false_visible + self.false_hidden
         return {
             "false_visible": self.false_visible / n if n else None,
             "false_hidden": self.false_hidden / n if n else None,
-            "interval": list(interval(self.false_visible + self.false_hidden, n)) if n else None,
+            "interval": list(interval(n_wrong, n, self._design_effect)) if n else None,
             "n_checked": n,
             "n_views_checked": n_views,
             "bad_views": self.n_bad_views / n_views if n_views else None,
             "worst_view": None if self.worst is None else self.worst._asdict(),
         }
+
+    @property
+    def _design_effect(self) -> float:
+        """Variance of the share of wrong answers as views vary, over that of independent answers; at least 1."""
+        n, n_views = self.n_checked, self.n_views_checked
+        share = (self.false_visible + self.false_hidden) / n
+        if n_views < 2 or share in (0.0, 1.0):
+            return 1.0  # nothing is known of how views vary
+        squares = self.wrong_squared - 2.0 * share * self.wrong_checked + share * share * self.checked_squared
+        return max(1.0, n_views / (n_views - 1) * squares / (n * share * (1.0 - share)))
 
     @property
     def cut(self) -> dict[str, Any] | None:
@@ -118,19 +157,23 @@ class QualityCounts:
         return {"returns": self.n_returns, **shares, "clear_range": self.clear_range or None}
 
 
-def interval(n_wrong: int, n: int) -> tuple[float, float]:
+def interval(n_wrong: int, n: int, design_effect: float = 1.0) -> tuple[float, float]:
     """Return the interval that holds the true share with `CONFIDENCE`, where `n_wrong` of `n` random answers are wrong.
 
-    Answers of one mesh or view may err together, which is not taken into account.
+    Answers about one view may err together: with a design effect of d, n tell as much as n / d independent ones.
 
     References
     ----------
     C. J. Clopper, E. S. Pearson: The use of confidence or fiducial limits illustrated in the case of the binomial.
     Biometrika 26 (1934), doi:10.1093/biomet/26.4.404.
+    E. L. Korn, B. I. Graubard: Confidence intervals for proportions with small expected number of positive counts
+    estimated from survey data. Survey Methodology 24 (1998). Departure: counts are rounded outwards.
     """
+    n = max(1, int(n / design_effect))
+    fewest, most = math.floor(n_wrong / design_effect), min(math.ceil(n_wrong / design_effect), n)
     tail = (1.0 - CONFIDENCE) / 2.0
-    low = 0.0 if n_wrong == 0 else _share_of_tail(n_wrong - 1, n, 1.0 - tail)
-    high = 1.0 if n_wrong == n else _share_of_tail(n_wrong, n, tail)
+    low = 0.0 if fewest == 0 else _share_of_tail(fewest - 1, n, 1.0 - tail)
+    high = 1.0 if most == n else _share_of_tail(most, n, tail)
     return low, high
 
 

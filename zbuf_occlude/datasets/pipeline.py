@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.provenance import seed_of
-from zbuf_occlude.datasets.counts import BAD_VIEW, FEW, QualityCounts, WorstView
+from zbuf_occlude.datasets.counts import FEW, QualityCounts, WorstView
 from zbuf_occlude.datasets.plan import BOXES, DatasetConfig, Plan
 from zbuf_occlude.datasets.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
@@ -187,16 +187,7 @@ def check(
     with prepare(mesh, "oracle", warn=False) as oracle:
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
-    shares = (answer != truth).mean(axis=1)
-    worst = int(shares.argmax())
-    return QualityCounts(
-        n_checked=truth.size,
-        false_visible=int((answer & ~truth).sum()),
-        false_hidden=int((~answer & truth).sum()),
-        n_views_checked=len(truth),
-        n_bad_views=int((shares > BAD_VIEW).sum()),
-        worst=place._replace(share=float(shares[worst]), view=int(some_views[worst])),
-    )
+    return QualityCounts.of_views(answer & ~truth, ~answer & truth, some_views, place)
 
 
 def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Iterator[Sampling]:
@@ -319,15 +310,8 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
     within = CONTACT * capture.scene.mesh.diagonal
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within
-    share = float((behind | before).mean())
-    return QualityCounts(
-        n_checked=len(truth),
-        false_visible=int(behind.sum()),
-        false_hidden=int(before.sum()),
-        n_views_checked=1,
-        n_bad_views=int(share > BAD_VIEW),
-        worst=WorstView(share, key, variation, view),
-    )
+    place = WorstView(0.0, key, variation, view)
+    return QualityCounts.of_views(behind[None], before[None], np.array([view]), place)
 
 
 def _seed(seed: int, key: str, variation: int, what: str, view: int) -> np.random.SeedSequence:

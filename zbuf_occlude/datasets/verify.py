@@ -16,7 +16,6 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.provenance import MeshSource, seed_of
-from zbuf_occlude.datasets.counts import interval
 from zbuf_occlude.datasets.folder import read_finished, sha256_of
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import samplings
@@ -361,11 +360,11 @@ def _ask_oracle(
             n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
         n_checked += len(points)
     verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
-    promised = manifest["error"]["false_visible"]
-    if n_checked and promised is not None:
-        # few pairs give a rough fraction: take the upper bound of its interval
-        n_pairs = manifest["error"]["n_checked"]
-        promised = interval(round(promised * n_pairs), n_pairs)[1]
+    stated = manifest["error"]
+    if n_checked and stated["interval"] is not None:
+        # few pairs give a rough fraction: take the upper bound of its interval, and of it the part of what is hidden
+        wrong = stated["false_visible"] + stated["false_hidden"]
+        promised = stated["interval"][1] * (stated["false_visible"] / wrong if wrong else 1.0)
         # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
         promised = min(1.0, promised / float(records["visible_fraction"].mean()))
         allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
