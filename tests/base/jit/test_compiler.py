@@ -297,6 +297,13 @@ def test_a_process_that_hangs_with_a_lock_is_not_waited_for_for_ever(package: Pa
     assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "1"
 
 
+def test_what_is_compiled_is_loaded_without_a_lock(package: Path) -> None:
+    cache = str(package.parent / "cache")
+    assert says(package, NUMBA_CACHE_DIR=cache)[1] == "0"
+    program = "import fcntl\ndef refuse(*given): raise AssertionError('a lock was taken')\nfcntl.flock = refuse\n"
+    assert run(program + ASK, cwd=package.parent, NUMBA_CACHE_DIR=cache).split()[1] == "1"
+
+
 def test_the_garbage_collector_is_as_it_was_after_compiling() -> None:
     for enabled in (True, False):
         (gc.enable if enabled else gc.disable)()

@@ -14,10 +14,11 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache, cached_property, update_wrapper
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 PACKAGE = Path(__file__).parents[2]
 CACHE_KEY_FOLDERS = (
@@ -161,26 +162,34 @@ def _compiling(cached: Callable[..., Any] | None) -> Iterator[None]:
 
     Numba leaves little garbage in cycles, and looking for it would take a tenth of the time.
     """
-    collects = gc.isenabled()
+    collects, lock = gc.isenabled(), _lock_of(cached) if cached else None
     gc.disable()
     try:
-        with _lock_of(cached) if cached else nullcontext():
+        with lock or nullcontext():
             yield
+            if lock:
+                with suppress(OSError):
+                    lock.write(b"compiled")
     finally:
         if collects:
             gc.enable()
 
 
-def _lock_of(function: Callable[..., Any]) -> AbstractContextManager[Any]:
-    """Wait for the lock of a function in the cache's folder, which closing releases; none where files have no locks."""
-    if (folder := cache_folder()) is None:
-        return nullcontext()
-    try:
-        import fcntl  # not on Windows
+def _lock_of(function: Callable[..., Any]) -> IO[bytes] | None:
+    """Return the locked file of a function in the cache's folder, which closing unlocks; None where none is needed.
 
-        file = open(folder / f"{_digest(function.__module__, function.__qualname__)}.lock", "w")  # noqa: SIM115
+    It is not empty once the function is compiled. Some systems and file systems have no locks.
+    """
+    if (folder := cache_folder()) is None:
+        return None
+    path = folder / f"{_digest(function.__module__, function.__qualname__)}.lock"
+    try:
+        fcntl = import_module("fcntl")  # only Unix has it
+        if path.exists() and path.stat().st_size:
+            return None
+        file = open(path, "ab", buffering=0)  # noqa: SIM115
     except (ModuleNotFoundError, OSError):
-        return nullcontext()
+        return None
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         try:
