@@ -180,7 +180,8 @@ def occlude(
     check_choice("axes", axes, AXES)
     check_keywords(occlude, method, options)
     mesh = as_mesh(mesh, up=up, unit=unit, colors=as_flag(colors, "colors"))
-    precompile(method, rays=sensor is not None)
+    if sensor is None:
+        precompile(method, "points")
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
@@ -252,7 +253,7 @@ def depth_image(
     check_keywords(depth_image, method, options)
     find_method(method).check_first_hits()
     mesh = as_mesh(mesh, up=up, unit=unit)
-    precompile(method, rays=True)
+    precompile(method, "rays")
     check_int("resolution", resolution, 1)
     if resolution**2 > MOST_PIXELS:
         raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")

@@ -117,7 +117,7 @@ def visible_command(
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     if positions is None:
         if mesh.exists():
-            precompile(method)
+            precompile(method, "points")
         with Limits().watch():
             loaded = load_mesh(mesh, up=up, unit=unit, colors="colors" in attributes)
         subject: Mesh | SurfacePoints = loaded

@@ -31,7 +31,7 @@ from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material
+from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material, question_of
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import precompile
@@ -131,7 +131,7 @@ def scan_once(
     or a range within the object.
     """
     first = collection[0]
-    precompile(scan.method, rays=True)
+    precompile(scan.method, question_of(scan.sensor, scan.motion))
     with Limits().watch():
         loaded = first.load()
     mesh, size = in_metres(loaded, first.label, scan)

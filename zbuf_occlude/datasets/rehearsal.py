@@ -81,7 +81,7 @@ def n_functions(config: DatasetConfig) -> int | None:
 def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
     if not config.complete:
-        precompile(config.method, rays=config.scan is not None)
+        precompile(config.method, *(["points"] if config.scan is None else ["points", "rays"]))
     small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if config.scan is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}

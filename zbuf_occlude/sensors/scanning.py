@@ -140,7 +140,7 @@ def scan(
     sensor = make(sensor)
     scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if occluder is None:
-        precompile(caster, rays=True)
+        precompile(caster, question_of(sensor, motion))
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
@@ -152,6 +152,11 @@ def scan(
     rng = generator(seed)
     returns = noiseless_scan(scene, sensor, matrix[:3, :3], matrix[:3, 3], motion=motion, method=method, **query)
     return apply_noise(returns, sensor, rng)
+
+
+def question_of(sensor: Sensor, motion: Motion | None) -> str:
+    """Return what a sensor asks, as `zbuf_occlude.visibility.precompile` takes it: rays of one origin or of many."""
+    return "rays" if motion is None and not sensor.ray_starts(np.ones((1, 3))).any() else "scattered rays"
 
 
 def noiseless_scan(

@@ -133,18 +133,23 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
             )
 
 
-def precompile(method: str, *, rays: bool = False) -> None:
-    """Start a second process that compiles the search for visible points, or the casting of rays.
+def precompile(method: str, *questions: str) -> None:
+    """Start a second process that compiles for questions "points", "rays" (of one origin) or "scattered rays".
 
-    Where that was compiled before, there is none. This process compiles the rest meanwhile. Other methods than `exact`
-    have little to compile.
+    The last question of this process comes first. Where all was compiled before, there is no second process. This one
+    compiles the rest meanwhile. Other methods than `exact` have little to compile.
     """
     if method == "exact":
-        from zbuf_occlude.engines.exact.precompiler import PRECOMPILER  # late: these import numba
-        from zbuf_occlude.engines.exact.rays import compile_first_hits
-        from zbuf_occlude.engines.exact.search import compile_search
+        from zbuf_occlude.engines.exact import rays, search  # late: these import numba
+        from zbuf_occlude.engines.exact.bvh import compile_build
+        from zbuf_occlude.engines.exact.precompiler import PRECOMPILER
 
-        PRECOMPILER.launch(compile_first_hits if rays else compile_search)
+        compiling = {
+            "points": search.compile_search,
+            "rays": rays.compile_first_hits,
+            "scattered rays": rays.compile_scattered_rays,
+        }
+        PRECOMPILER.launch(*(compiling[question] for question in questions), compile_build)
 
 
 def prepare(

@@ -26,6 +26,10 @@ def note_process() -> None:
     Path(os.environ[CALLS], "process").write_text(str(os.getpid()))
 
 
+def do_nothing() -> None:
+    """Return."""
+
+
 def crash() -> None:
     """End the process without a word."""
     note_process()
@@ -62,12 +66,13 @@ def wait_for(pattern: str, folder: Path) -> list[Path]:
 
 
 def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
-    search.compile_search()
-    rays.compile_first_hits()
-    kernels = search._search_views, rays._cast_blocks, bvh._grow_nodes, bvh._fill_runs
+    for compile_it in (search.compile_search, rays.compile_first_hits, rays.compile_scattered_rays, bvh.compile_build):
+        compile_it()
+    kernels = search._search_views, rays._cast_blocks, rays.cast_singles, bvh._grow_nodes, bvh._fill_runs
     compiled = [set(kernel.signatures) for kernel in kernels]
     zo.occlude(box(), azimuth=30, elevation=20, n_points=500, method="exact")
-    zo.scan(box(), "vlp-16", range=3, size=1.0, method="exact")
+    for sensor in ("vlp-16", "hdl-64e"):
+        zo.scan(box(), sensor, range=3, size=1.0, method="exact")
     zo.depth_image(box(), azimuth=30, elevation=20, resolution=64, method="exact")
     with zo.prepare(box(), "exact") as occluder:
         occluder.visible(zo.sample_surface(box(), n_points=500), zo.views.fibonacci(3))
@@ -76,12 +81,12 @@ def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
 
 def test_the_call_is_in_another_process_and_is_noted_once_it_has_ended(kept: Path) -> None:
     compiling = Precompiler()
-    compiling.launch(note_process)
+    compiling.launch(note_process, do_nothing)
     compiling.launch(crash)  # one is enough
-    wait_for("*/note_process.compiled", kept)
+    wait_for("*/note_process+do_nothing.compiled", kept)
     assert int((kept / "process").read_text()) != os.getpid()
     (kept / "process").unlink()
-    Precompiler().launch(note_process)
+    Precompiler().launch(note_process, do_nothing)
     time.sleep(0.2)
     assert not (kept / "process").exists()
 
@@ -120,8 +125,9 @@ def test_there_is_none_where_it_gains_nothing_or_cannot_be(
     [
         ("search._search_views", "zo.occlude(mesh, azimuth=30, elevation=20, n_points=500, method='exact')"),
         ("rays._cast_blocks", "zo.scan(mesh, 'vlp-16', range=3, method='exact')"),
+        ("rays.cast_singles", "zo.scan(mesh, 'hdl-64e', range=3, method='exact')"),
     ],
-    ids=["points", "rays"],
+    ids=["points", "rays", "scattered rays"],
 )
 def test_with_an_empty_cache_the_kernel_is_read_from_it(tmp_path: Path, kernel: str, call: str) -> None:
     program = (

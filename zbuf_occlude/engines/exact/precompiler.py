@@ -4,7 +4,7 @@ import atexit
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from zbuf_occlude.base.child import Child
@@ -21,26 +21,31 @@ class Precompiler:
     def __init__(self) -> None:
         self._process = 0  # id of the process that started the child; a process forked from it has no child
 
-    def launch(self, function: Callable[[], None]) -> None:
-        """Call a function of an importable module, without parameters, that compiles, and calls no external function.
+    def launch(self, *functions: Callable[[], None]) -> None:
+        """Call functions of importable modules, which compile, and call no external function.
 
-        It is not called a second time, nor where it has ended before; workers, and a single core, start no process.
+        They are called once, and not where they have ended before; workers, and a single core, start no process.
         """
         if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
             return
-        if not compiled_before(function.__name__):
+        if not compiled_before(_name(functions)):
             self._process = os.getpid()
             with suppress(OSError):  # then this process compiles all
                 child = Child()
                 atexit.register(child.kill)  # closing it would wait
-                child.start(_compile, function)
+                child.start(_compile, *functions)
 
 
-def _compile(function: Callable[[], None]) -> None:
-    """Call the function in the second process."""
+def _compile(*functions: Callable[[], None]) -> None:
+    """Call the functions in the second process."""
     leave_out_externals()
-    function()
-    note_compiled(function.__name__)
+    for function in functions:
+        function()
+    note_compiled(_name(functions))
+
+
+def _name(functions: Iterable[Callable[[], None]]) -> str:
+    return "+".join(function.__name__ for function in functions)
 
 
 PRECOMPILER = Precompiler()

@@ -16,7 +16,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import N_LANES, load, store
 from zbuf_occlude.base.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block_from, take_end
-from zbuf_occlude.engines.exact.bvh import Bvh, compile_build, empty_bvh
+from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
 from zbuf_occlude.engines.exact.layout import (
     BOTTOM,
     CHUNK_POINTS,
@@ -144,13 +144,19 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
 
 
 def compile_first_hits() -> None:
-    """Compile the casting of rays of one origin, by a question without rays, and then the hierarchy's building."""
+    """Compile the casting of rays of one origin, by a question without rays about a mesh without faces."""
     bvh, nothing, origin = empty_bvh(), np.empty(0), np.zeros((1, 3))
     order, cells = np.empty(0, dtype=np.uint32), np.empty(0, dtype=np.uint16)
     hits = np.empty(0, dtype=np.int32), nothing, np.zeros(1, dtype=np.int64)
     query = RayQuery(origin[0], nothing, nothing.view(np.int64), 0.0, 1, order, cells, *hits)
     parallel_for(_cast_blocks, 0, bvh, project_eyes(bvh, origin, 1.0), query)
-    compile_build()
+
+
+def compile_scattered_rays() -> None:
+    """Compile the casting of rays of many origins, by a question without rays about a mesh without faces."""
+    bvh, nothing = empty_bvh(), np.empty((0, 3))
+    hits = np.empty(0, dtype=np.int32), np.empty(0)
+    parallel_for(cast_singles, 0, bvh, nothing, nothing, *hits, own=lambda: make_traversal_scratch(bvh))
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, inlin
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import count_lanes, first_lane, load, load3_wide, load_scalar, not_less, splat
 from zbuf_occlude.base.jit.threads import n_blocks, n_threads, next_task, parallel_for, parallel_kernel, take_block
-from zbuf_occlude.engines.exact.bvh import Bvh, compile_build, empty_bvh
+from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
 from zbuf_occlude.engines.exact.hide import (
     UNDECIDED,
     classify,
@@ -69,9 +69,8 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
 
 
 def compile_search() -> None:
-    """Compile the search of points, by a question without eyes, and then the hierarchy's building."""
+    """Compile the search of points, by a question without eyes about a mesh without faces."""
     find_visible(empty_bvh(), SurfacePoints.free(np.zeros((1, 3))), np.empty((0, 3)))
-    compile_build()
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
