@@ -43,7 +43,7 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("tiny")
 def test_a_study_in_parts(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock goes on by a minute where it is read; the shards of clouds and two classifiers take more than seven."""
+    """The clock goes on by a minute where it is read; the shards of clouds and a classifier take five."""
     ticks = count()
     monkeypatch.setattr("zbuf_occlude.studies.paper.study.monotonic", lambda: 60.0 * next(ticks))
     line, out = "paper elevation --quick --out study --minutes", tmp_path / "study"
@@ -51,7 +51,7 @@ def test_a_study_in_parts(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "0 classifiers trained or tested now\n" in first.out
     assert " clouds and 0 of 2 classifiers are done. The same command continues." in first.out
     assert not (out / "study.md").exists()
-    second = run(f"{line} 7", code=4)
+    second = run(f"{line} 5", code=4)
     assert "1 classifier trained or tested now; report: study/study.html" in second.out
     assert "The time is up: 760 of 760 clouds and 1 of 2 classifiers are done." in second.out
     assert "VoxNet" in (out / "study.md").read_text()

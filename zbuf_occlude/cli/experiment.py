@@ -70,8 +70,8 @@ TEXT = """
 
     The same command again makes only missing results: after an interruption, after another experiment in the same
     folder, or with new scans or a new budget. Without a GPU use --quick; --models to --epochs change single values of
-    it or of the full size. --minutes ends it at the next end of a shard of clouds, or of an epoch of each training;
-    the same command continues, also on another machine with a copy of the folder. Exit code 3: done, but some meshes
+    it or of the full size. --minutes X stops after X minutes, when the current shard of clouds or epoch ends; the same
+    command continues, also on another machine with a copy of the folder. Exit code 3: done, but some meshes
     failed (they are listed). Exit code 4: the time was up before all was done.
 
     \b

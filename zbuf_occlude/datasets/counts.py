@@ -140,7 +140,10 @@ class QualityCounts:
 
     @property
     def _design_effect(self) -> float:
-        """Variance of the share of wrong answers as views vary, over that of independent answers; at least 1."""
+        """Variance of the share of wrong answers as views vary, over that of independent answers; at least 1.
+
+        Every mesh is checked, so meshes are no sample. Bad views of which none was drawn remain unknown.
+        """
         n, n_views = self.n_checked, self.n_views_checked
         share = (self.false_visible + self.false_hidden) / n
         if n_views < 2 or share in (0.0, 1.0):

@@ -140,16 +140,13 @@ def precompile(method: str, *questions: str) -> None:
     compiles the rest meanwhile. Other methods than `exact` have little to compile.
     """
     if method == "exact":
-        from zbuf_occlude.engines.exact import rays, search  # late: these import numba
-        from zbuf_occlude.engines.exact.bvh import compile_build
+        from zbuf_occlude.engines.exact.bvh import BUILDING  # late: these import numba
         from zbuf_occlude.engines.exact.precompiler import PRECOMPILER
+        from zbuf_occlude.engines.exact.rays import RAYS, SCATTERED_RAYS
+        from zbuf_occlude.engines.exact.search import SEARCH
 
-        compiling = {
-            "points": search.compile_search,
-            "rays": rays.compile_first_hits,
-            "scattered rays": rays.compile_scattered_rays,
-        }
-        PRECOMPILER.launch(*(compiling[question] for question in questions), compile_build)
+        compilations = {"points": SEARCH, "rays": RAYS, "scattered rays": SCATTERED_RAYS}
+        PRECOMPILER.launch(*(compilations[question] for question in questions), BUILDING)
 
 
 def prepare(

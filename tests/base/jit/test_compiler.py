@@ -285,7 +285,7 @@ def test_of_two_processes_at_a_function_one_compiles_it_and_the_other_loads_it(p
     assert found == [b"0", b"1"]
 
 
-def test_a_process_that_hangs_with_a_lock_is_not_waited_for_for_ever(package: Path) -> None:
+def test_waiting_for_a_lock_ends(package: Path) -> None:
     program = (
         "import fcntl\n"
         "from package.base.caller import ask\n"
@@ -302,6 +302,31 @@ def test_what_is_compiled_is_loaded_without_a_lock(package: Path) -> None:
     assert says(package, NUMBA_CACHE_DIR=cache)[1] == "0"
     program = "import fcntl\ndef refuse(*given): raise AssertionError('a lock was taken')\nfcntl.flock = refuse\n"
     assert run(program + ASK, cwd=package.parent, NUMBA_CACHE_DIR=cache).split()[1] == "1"
+
+
+def test_threads_that_compile_at_once_leave_the_garbage_collector_on(package: Path) -> None:
+    program = (
+        "import gc, threading\n"
+        "from package.base.caller import ask\n"
+        "threads = [threading.Thread(target=ask) for _ in range(3)]\n"
+        "[thread.start() for thread in threads], [thread.join() for thread in threads]\n"
+        "print(gc.isenabled(), ask())"
+    )
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "True 1"
+
+
+def test_where_compiled_code_cannot_be_kept_the_answer_comes_all_the_same(package: Path) -> None:
+    (package / "externals.py").write_text(EXTERNALS)
+    (package / "gate.py").write_text("def pause(): pass\n")
+    program = (
+        "from numba.core import caching\n"
+        "def refuse(*given): raise OSError(28, 'No space left on device')\n"
+        "caching.IndexDataCacheFile.save = refuse\n"
+        "from package.base.caller import ask\n"
+        "from package.externals import call\n"
+        "print(ask(), call(1.0))"
+    )
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "1 2.0"
 
 
 def test_the_garbage_collector_is_as_it_was_after_compiling() -> None:

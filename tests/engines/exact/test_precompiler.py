@@ -13,8 +13,9 @@ import pytest
 import zbuf_occlude as zo
 from tests.processes import python
 from tests.scenes import box
+from zbuf_occlude.base.jit.compiler import njit
 from zbuf_occlude.engines.exact import bvh, precompiler, rays, search
-from zbuf_occlude.engines.exact.precompiler import Precompiler
+from zbuf_occlude.engines.exact.precompiler import Compilation, Precompiler
 
 CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
 """Variable of the environment with the folder in which a called function leaves a file."""
@@ -24,10 +25,6 @@ PATIENCE = 60.0
 def note_process() -> None:
     """Write the number of this process."""
     Path(os.environ[CALLS], "process").write_text(str(os.getpid()))
-
-
-def do_nothing() -> None:
-    """Return."""
 
 
 def crash() -> None:
@@ -45,6 +42,12 @@ def fail() -> None:
 def raising(**environment: str) -> None:
     """Raise what a process raises that cannot be started."""
     raise OSError(24, "Too many open files")
+
+
+@njit(cache=True)
+def double(number):
+    """Return twice a number."""
+    return number + number
 
 
 @pytest.fixture
@@ -79,30 +82,42 @@ def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
     assert [set(kernel.signatures) for kernel in kernels] == compiled
 
 
-def test_the_call_is_in_another_process_and_is_noted_once_it_has_ended(kept: Path) -> None:
+def test_the_call_is_in_another_process_which_ends(kept: Path) -> None:
     compiling = Precompiler()
-    compiling.launch(note_process, do_nothing)
-    compiling.launch(crash)  # one is enough
-    wait_for("*/note_process+do_nothing.compiled", kept)
-    assert int((kept / "process").read_text()) != os.getpid()
-    (kept / "process").unlink()
-    Precompiler().launch(note_process, do_nothing)
-    time.sleep(0.2)
-    assert not (kept / "process").exists()
+    compiling.launch(Compilation(double, note_process))
+    compiling.launch(Compilation(double, crash))  # one is enough
+    (path,) = wait_for("process", kept)
+    time.sleep(0.1)
+    process = int(path.read_text())
+    assert process != os.getpid()
+    while Path(f"/proc/{process}/stat").read_text().split()[2] != "Z":  # it keeps no memory
+        time.sleep(0.05)
+
+
+def test_what_is_kept_is_not_compiled_again(tmp_path: Path) -> None:
+    program = (
+        "import os\n"
+        "from pathlib import Path\n"
+        "from tests.engines.exact import test_precompiler as here\n"
+        "here.precompiler.n_cores = lambda: 2\n"
+        "print(here.double.is_kept, here.double(2), here.double.is_kept)\n"
+        "compiling = here.Precompiler()\n"
+        "compiling.launch(here.Compilation(here.double, here.note_process))\n"
+        "print(compiling._process)\n"
+    )
+    child = python("-c", program, NUMBA_CACHE_DIR=str(tmp_path), **{CALLS: str(tmp_path)})
+    assert child.stdout.split() == ["False", "4", "True", "0"], child.stderr
 
 
 @pytest.mark.parametrize("function", [crash, fail])
-def test_a_call_that_fails_is_no_error_and_is_not_taken_for_compiled(kept: Path, function: Callable[[], None]) -> None:
-    Precompiler().launch(function)
+def test_a_call_that_fails_is_no_error(kept: Path, function: Callable[[], None]) -> None:
+    Precompiler().launch(Compilation(double, function))
     wait_for("process", kept)
-    time.sleep(0.2)
-    assert not list(kept.glob("*/*.compiled"))
 
 
 @pytest.mark.parametrize(
     ("owner", "name", "value"),
     [
-        (precompiler, "compiled_before", lambda name: True),
         (precompiler, "n_cores", lambda: 1),
         (sys, "executable", ""),
         (multiprocessing, "parent_process", lambda: "a coordinator"),
@@ -115,7 +130,7 @@ def test_there_is_none_where_it_gains_nothing_or_cannot_be(
     monkeypatch.setattr(owner, name, value)
     made: list[object] = []
     monkeypatch.setattr(precompiler.atexit, "register", made.append)
-    Precompiler().launch(note_process)
+    Precompiler().launch(Compilation(double, note_process))
     assert not made
 
 

@@ -31,7 +31,7 @@ PATIENCE = 60.0
 """Seconds to wait for another process that compiles the same function; it may hang."""
 
 POLL = 0.02
-"""Seconds between two looks at its lock."""
+"""Seconds between two attempts to take its lock."""
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.RLock()
@@ -66,10 +66,16 @@ class Kernel:
         if not self._is_compiled:
             import numba  # late: it takes 0.3 s
 
-            with _compiling(self._function if self._options.get("cache") else None):
-                dispatcher.compile(tuple(map(numba.typeof, arguments)))
+            with _compiling(self._function if self._options.get("cache") else None), suppress(OSError):
+                dispatcher.compile(tuple(map(numba.typeof, arguments)))  # OSError: compiled, but it cannot be kept
             self._is_compiled = True
         return dispatcher(*arguments)
+
+    @property
+    def is_kept(self) -> bool:
+        """True once compiled code of the function is in the cache."""
+        folder = _existing_folder()
+        return folder is not None and _is_marked(folder / _lock_name(self._function))
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of numba's dispatcher, which numba uses where compiled functions call this one."""
@@ -100,7 +106,10 @@ class External:
         if not _only_compiles:
             folder = cache_folder()
             with _compiling(self._function), _lock, _caching_in(folder):
-                self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+                try:
+                    self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+                except OSError:  # it cannot be kept
+                    self._compiled = numba.cfunc(self._signature)(self._function)
             address = self._compiled.address
         binding.add_symbol(symbol, address)
         arguments, result = numba.core.sigutils.normalize_signature(self._signature)
@@ -120,7 +129,7 @@ _NOWHERE = 1
 
 
 def leave_out_externals() -> None:
-    """Compile no external function in this process, which then must call no function that calls one."""
+    """Leave external functions uncompiled; this process must then run no function that calls one."""
     global _only_compiles
     _only_compiles = True
 
@@ -162,45 +171,76 @@ def _compiling(cached: Callable[..., Any] | None) -> Iterator[None]:
 
     Numba leaves little garbage in cycles, and looking for it would take a tenth of the time.
     """
-    collects, lock = gc.isenabled(), _lock_of(cached) if cached else None
-    gc.disable()
-    try:
-        with lock or nullcontext():
-            yield
-            if lock:
-                with suppress(OSError):
-                    lock.write(b"compiled")
-    finally:
-        if collects:
-            gc.enable()
+    lock = _lock_of(cached) if cached else None
+    with lock or nullcontext(), _no_collection:
+        yield
+        if lock:
+            with suppress(OSError):
+                lock.write(b"compiled")
+
+
+class _NoCollection:
+    """Context in which garbage is not collected, until the last thread leaves it."""
+
+    def __init__(self) -> None:
+        self._lock, self._n_within, self._collects = threading.Lock(), 0, False
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._n_within == 0:
+                self._collects = gc.isenabled()
+                gc.disable()
+            self._n_within += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._n_within -= 1
+            if self._n_within == 0 and self._collects:
+                gc.enable()
+
+
+_no_collection = _NoCollection()
 
 
 def _lock_of(function: Callable[..., Any]) -> IO[bytes] | None:
-    """Return the locked file of a function in the cache's folder, which closing unlocks; None where none is needed.
+    """Return the file of a function in the cache's folder, locked until it is closed; None once it is compiled.
 
-    It is not empty once the function is compiled. Some systems and file systems have no locks.
+    It is not locked where another process has held it for `PATIENCE`, nor on systems without locks.
     """
     if (folder := cache_folder()) is None:
         return None
-    path = folder / f"{_digest(function.__module__, function.__qualname__)}.lock"
+    path = folder / _lock_name(function)
     try:
-        fcntl = import_module("fcntl")  # only Unix has it
-        if path.exists() and path.stat().st_size:
+        if _is_marked(path):
             return None
         file = open(path, "ab", buffering=0)  # noqa: SIM115
-    except (ModuleNotFoundError, OSError):
+        fcntl = import_module("fcntl")
+    except ModuleNotFoundError:  # only Unix has it
+        return file
+    except OSError:
         return None
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
+    began = time.monotonic()
+    while (waited := time.monotonic() - began) < PATIENCE:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
+            if waited > 1.0:
+                _say_once(kept=True)
             time.sleep(POLL)
         except OSError:
             break
         else:
             break
     return file
+
+
+def _lock_name(function: Callable[..., Any]) -> str:
+    return f"{_digest(function.__module__, function.__qualname__)}.lock"
+
+
+def _is_marked(path: Path) -> bool:
+    """Return whether the file of a function has content, which it gets once the function is compiled."""
+    return os.path.exists(path) and os.path.getsize(path) > 0
 
 
 @contextmanager
@@ -298,16 +338,19 @@ def _listen() -> None:
 
 
 def compiled_before(job: str) -> bool:
-    """Return whether `note_compiled` has recorded that all functions of a job are compiled; makes no folder.
+    """Return whether `note_compiled` has recorded that all functions of a job are compiled; makes no folder."""
+    folder = _existing_folder()
+    return folder is not None and os.path.exists(folder / f"{job}.compiled")  # False where Path.exists would raise
 
-    Only the folder that `cache_folder` would return counts: compiled code in a read-only folder is not used.
-    """
+
+def _existing_folder() -> Path | None:
+    """Return the folder that `cache_folder` would return, if it exists: compiled code in another is not used."""
     name = "-".join(_names())
     for base in _bases():
         there = next(folder for folder in (base / name, base, *base.parents) if os.path.exists(folder))
         if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
-            return os.path.exists(base / name / f"{job}.compiled")  # False where Path.exists would raise
-    return False
+            return there if there == base / name else None
+    return None
 
 
 def note_compiled(job: str) -> None:

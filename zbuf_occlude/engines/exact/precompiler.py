@@ -4,48 +4,56 @@ import atexit
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable
 from contextlib import suppress
+from typing import NamedTuple
 
 from zbuf_occlude.base.child import Child
-from zbuf_occlude.base.jit.compiler import compiled_before, leave_out_externals, note_compiled
+from zbuf_occlude.base.jit.compiler import Kernel, leave_out_externals
 from zbuf_occlude.base.provenance import n_cores
+
+
+class Compilation(NamedTuple):
+    """Kernel, and a function of an importable module that compiles it and calls no external function."""
+
+    kernel: Kernel
+    function: Callable[[], None]
 
 
 class Precompiler:
     """Second process that compiles into the cache, while this one compiles what it needs first.
 
-    Each function is compiled once: a process that needs one at which the other is waits, and loads it.
+    Each function is compiled once: a process waits for one that the other is compiling, and loads it.
     """
 
     def __init__(self) -> None:
         self._process = 0  # id of the process that started the child; a process forked from it has no child
+        self._lock = threading.Lock()
 
-    def launch(self, *functions: Callable[[], None]) -> None:
-        """Call functions of importable modules, which compile, and call no external function.
+    def launch(self, *compilations: Compilation) -> None:
+        """Compile what is not in the cache yet.
 
-        They are called once, and not where they have ended before; workers, and a single core, start no process.
+        There is one second process at most, and none in workers or on a single core.
         """
         if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
             return
-        if not compiled_before(_name(functions)):
-            self._process = os.getpid()
-            with suppress(OSError):  # then this process compiles all
-                child = Child()
-                atexit.register(child.kill)  # closing it would wait
-                child.start(_compile, *functions)
+        with self._lock:
+            functions = [each.function for each in compilations if not each.kernel.is_kept]
+            if functions and not self._process:
+                self._process = os.getpid()
+                with suppress(OSError):  # then this process compiles all
+                    child = Child()
+                    atexit.register(child.kill)  # closing it would wait
+                    child.start(_call, *functions)
 
 
-def _compile(*functions: Callable[[], None]) -> None:
-    """Call the functions in the second process."""
+def _call(*functions: Callable[[], None]) -> None:
+    """Call functions in the second process, and end it: its memory is of no more use."""
     leave_out_externals()
     for function in functions:
         function()
-    note_compiled(_name(functions))
-
-
-def _name(functions: Iterable[Callable[[], None]]) -> str:
-    return "+".join(function.__name__ for function in functions)
+    os._exit(0)
 
 
 PRECOMPILER = Precompiler()

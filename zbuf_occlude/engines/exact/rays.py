@@ -31,6 +31,7 @@ from zbuf_occlude.engines.exact.layout import (
     Int64,
     make_workspace,
 )
+from zbuf_occlude.engines.exact.precompiler import Compilation
 from zbuf_occlude.engines.exact.project import ImageRect
 from zbuf_occlude.engines.exact.ray_packets import PacketRays, RayFrame, first_hits_of_packet, make_state, rect_of_rays
 from zbuf_occlude.engines.exact.search import list_candidates, project_children, select_candidates
@@ -474,3 +475,7 @@ def _spread_bits(i):
     i = (i | (i << np.int32(4))) & np.int32(0x30F)
     i = (i | (i << np.int32(2))) & np.int32(0x333)
     return (i | (i << np.int32(1))) & np.int32(0x555)
+
+
+RAYS = Compilation(_cast_blocks, compile_first_hits)
+SCATTERED_RAYS = Compilation(cast_singles, compile_scattered_rays)

@@ -36,6 +36,7 @@ from zbuf_occlude.engines.exact.layout import (
     put,
 )
 from zbuf_occlude.engines.exact.points import make_packets
+from zbuf_occlude.engines.exact.precompiler import Compilation
 from zbuf_occlude.engines.exact.project import is_empty, project_boxes, project_packet, rect_of_chunk, union
 from zbuf_occlude.engines.exact.single_rays import TRAVERSAL_RAYS, make_traversal_scratch
 from zbuf_occlude.engines.exact.triangle_setup import set_up_for_points, slot_of
@@ -345,3 +346,6 @@ def select_candidates(n, rect, space):
             put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry, capacity)
             n_listed += 1
     return n_listed
+
+
+SEARCH = Compilation(_search_views, compile_search)

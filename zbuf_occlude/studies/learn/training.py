@@ -110,8 +110,8 @@ class Epoch:
         return other is None or mine > (other.validation_accuracy, -other.validation_loss)
 
 
-class TimeUp(Exception):  # noqa: N818  (no error: an end)
-    """End of the time that a training or a study may take; the same call continues."""
+class TimeUp(Exception):  # noqa: N818  (a stop, not an error)
+    """Stop of a training or study whose time is up; the same call continues."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.presets import MODELNET8, plan_of_originals, seventy_five_each, two_hundred
 from zbuf_occlude.datasets.source import open_dataset
-from zbuf_occlude.datasets.workers import Run, run_here
+from zbuf_occlude.datasets.workers import Done, Run, Task, run_here
 from zbuf_occlude.datasets.workers.local import run_local
 from zbuf_occlude.engines.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.geometry.mesh import Mesh
@@ -162,6 +162,8 @@ class Experiment(ABC):
 
     n_workers = 1
     """Number of processes that make a dataset."""
+    check_time: Callable[[], None] = staticmethod(lambda: None)
+    """Function that is called after each new shard of a dataset, and raises where the time is up."""
 
     def __init__(self, size: Size, folder: Path) -> None:
         self.size, self.folder = size, folder
@@ -200,7 +202,15 @@ class Experiment(ABC):
         run: Run = run_here
         if self.n_workers > 1 and not find_method(plan.config.method).needs_gl:  # whose absence is a GlError here only
             run = partial(run_local, n_workers=self.n_workers, limits=Limits())
-        failures: dict[str, str] = generate(plan, folder, run=run, progress=progress)["failures"]
+
+        def run_in_time(task: Task, jobs: list[Any], done: Done) -> None:
+            def done_in_time(job: Any, result: Any) -> None:
+                done(job, result)
+                self.check_time()
+
+            run(task, jobs, done_in_time)
+
+        failures: dict[str, str] = generate(plan, folder, run=run_in_time, progress=progress)["failures"]
         used = {entry.label for entry in plan.meshes if entry.key not in failures}
         for entry in plan.meshes:
             if entry.label not in used:

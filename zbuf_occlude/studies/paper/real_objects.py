@@ -140,8 +140,8 @@ class RealObjects(Experiment):
         if (self.crops / OBJECTS).exists():
             if json.loads(path.read_text(encoding="utf-8")) != about:
                 raise DatasetError(
-                    f"{self.folder} must be a study of the drive {self.real}; its objects are of another one. Choose "
-                    "another folder."
+                    f"{self.folder} must be a study of the drive {self.real}; its objects are not of those sweeps. "
+                    "Choose another folder."
                 )
             return {}
         crops = crop_objects(self.real, classes=classes, least_points=LEAST_POINTS, range=RANGE)

@@ -5,10 +5,10 @@ datasets, trainings from their last checkpoints, and results. Nothing is looked 
 folder resumes on another machine with the same packages.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from datetime import date
-from itertools import takewhile
+from functools import partial
 from math import inf
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -91,8 +91,9 @@ def run_study(
     voxels : int, optional
         As in `as_voxels`.
     minutes : float
-        Time after which to stop: at the next end of a dataset's shard, or of an epoch of each training. What is
-        finished is kept, trainings as checkpoints, and the same call continues.
+        Time after which to stop: at the next end of a new shard of a dataset, or of an epoch of each training. What is
+        finished is kept, trainings as checkpoints, and the same call continues. Each call does at least a shard, or an
+        epoch.
     progress : Progress, optional
     workers : int, optional
         Number of processes that make a dataset, and that train as in `run_trials`. Default: one per core.
@@ -139,16 +140,12 @@ def run_study(
         _note_scans(folder, study, *turned)
     trials = [trial for experiment in chosen for trial in experiment.trials()]
     progress.set_totals(sum(experiment.max_clouds for experiment in chosen), len(trials))
-
-    def add_clouds(n: int) -> None:
-        progress.add_clouds(n)
-        _check_time(until)
-
     n_now = 0
     with suppress(TimeUp):
         for experiment in chosen:
             experiment.n_workers = n_cores() if workers is None else workers
-            study["failed_meshes"] |= experiment.make_datasets(add_clouds)
+            experiment.check_time = partial(_check_time, until)
+            study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds)
             study |= experiment.notes()
             atomic.write_json(folder / STUDY, study)
         trials = [trial for experiment in chosen for trial in experiment.trials()]  # of the methods that can run here
@@ -216,7 +213,7 @@ def run_trials(
     for trial in set(trials) - set(missing):
         progress.update_trial(trial.key, 1.0)
     workers = min(_n_workers() if workers is None else workers, len(missing))
-    left = takewhile(lambda trial: monotonic() < until, missing)
+    left = _begun_in_time(missing, until)
     if workers < 2:
         return sum(_run_trial(trial, size, folder, until, progress.update_trial) for trial in left)
     n_threads, children = max(1, n_cores() // workers), [Child() for _ in range(workers)]
@@ -240,11 +237,19 @@ def run_trials(
             child.kill()
 
 
+def _begun_in_time(trials: Sequence[Trial], until: float) -> Iterator[Trial]:
+    """Yield trials until the time is up, but at least one, so that each call does some work."""
+    for number, trial in enumerate(trials):
+        if number and monotonic() >= until:
+            return
+        yield trial
+
+
 def _n_workers() -> int:
     """Return the number of processes that train at once: one per core, as far as the memory of a GPU suffices."""
     if not torch.cuda.is_available():
         return n_cores()
-    return min(n_cores(), torch.cuda.mem_get_info()[0] // GPU_BYTES)
+    return max(1, min(n_cores(), torch.cuda.mem_get_info()[0] // GPU_BYTES))
 
 
 def _run_alone(n_threads: int, trial: Trial, size: Size, folder: Path, until: float) -> bool:

@@ -146,10 +146,15 @@ class DepthBuffer(VisibilityQuery):
         if self._uploaded is None or self._uploaded[0] is not points:
             self._forget()
             uploaded: list[UploadedPoints] = []
+            try:
+                for part in parts(len(points), MAX_POINTS):
+                    positions, own = points.positions[part], points.face_ids[part]
+                    uploaded.append(UploadedPoints(self._gl, positions, own, self._arrays, self._unit))
+            except BaseException:
+                for each in uploaded:
+                    each.release()
+                raise
             self._uploaded = points, uploaded
-            for part in parts(len(points), MAX_POINTS):
-                of = points.positions[part], points.face_ids[part], self._arrays, self._unit
-                uploaded.append(UploadedPoints(self._gl, *of))
         return self._uploaded[1]
 
     def _forget(self) -> None:
