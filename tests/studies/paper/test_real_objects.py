@@ -131,7 +131,7 @@ def test_table_has_a_row_for_each_model_and_training_set(study: Path) -> None:
 
 def test_another_drive_and_one_without_objects_are_refused(study: Path, tmp_path: Path) -> None:
     """Else the objects of the first would be tested again, as if they were the second's."""
-    with pytest.raises(DatasetError, match=r"study of the drive .*other; its objects are of another one"):
+    with pytest.raises(DatasetError, match=r"study of the drive .*other; its objects are not of those sweeps"):
         run_study(study, SMALL, experiments=[REAL], real=write_kitti(tmp_path / "other"), workers=1)
     moved = shutil.copytree(study.with_name("drive"), tmp_path / "copy")
     assert run_study(study, SMALL, experiments=[REAL], real=moved, workers=1).n_now == 0, "the same one, elsewhere"

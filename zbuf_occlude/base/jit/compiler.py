@@ -219,13 +219,11 @@ def _lock_of(function: Callable[..., Any]) -> IO[bytes] | None:
         return file
     except OSError:
         return None
-    began = time.monotonic()
-    while (waited := time.monotonic() - began) < PATIENCE:
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            if waited > 1.0:
-                _say_once(kept=True)
             time.sleep(POLL)
         except OSError:
             break
