@@ -362,8 +362,8 @@ def _ask_oracle(
     verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
     stated = manifest["error"]
     if n_checked and stated["interval"] is not None:
-        # few pairs give a rough fraction: take the upper bound of its interval, times the share of
-        # false visible among the wrong answers
+        # few pairs give a rough fraction: take the interval's upper bound for all wrong answers, and of it the share
+        # that false visible ones have
         wrong = stated["false_visible"] + stated["false_hidden"]
         promised = stated["interval"][1] * (stated["false_visible"] / wrong if wrong else 1.0)
         # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone

@@ -199,8 +199,8 @@ class Experiment(ABC):
     def _make_dataset(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
         folder = self.dataset_folder(name)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        run: Run = run_here
-        if self.n_workers > 1 and not find_method(plan.config.method).needs_gl:  # whose absence is a GlError here only
+        run: Run = run_here  # without OpenGL it raises a GlError, workers do not
+        if self.n_workers > 1 and not find_method(plan.config.method).needs_gl:
             run = partial(run_local, n_workers=self.n_workers, limits=Limits())
 
         def run_in_time(task: Task, jobs: list[Any], done: Done) -> None:
