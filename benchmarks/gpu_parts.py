@@ -23,7 +23,8 @@ import zbuf_occlude as zo
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.child import Child, call_in_child
 from zbuf_occlude.base.errors import GlError, OccludeError
-from zbuf_occlude.base.provenance import n_cores, versions
+from zbuf_occlude.base.limits import n_cores
+from zbuf_occlude.base.provenance import versions
 from zbuf_occlude.datasets.counts import QualityCounts, WorstView
 from zbuf_occlude.datasets.pipeline import check
 from zbuf_occlude.engines.gl.buffers import Buffers, block_limit

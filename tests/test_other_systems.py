@@ -10,8 +10,7 @@ import pytest
 
 import zbuf_occlude
 from tests.processes import python, run_program
-from zbuf_occlude.base.limits import Limits
-from zbuf_occlude.base.provenance import n_cores
+from zbuf_occlude.base.limits import Limits, n_cores
 
 PACKAGE = Path(zbuf_occlude.__file__).parent
 

@@ -1,10 +1,9 @@
-"""Provenance: the sources of meshes, the versions and cores that data depend on, and the seeds of all random draws.
+"""Provenance: the sources of meshes, the versions that data depend on, and the seeds of all random draws.
 
 A seed depends on a mesh's key and on the draw, never on a worker, a machine or an order.
 """
 
 import hashlib
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -82,13 +81,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:  # an extra
             continue
     return found
-
-
-def n_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def generator(seed: Any) -> np.random.Generator:

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from zbuf_occlude.base.errors import MeshError, OptionError, UnavailableError, find_row
 from zbuf_occlude.base.extras import missing
-from zbuf_occlude.base.limits import Limits
+from zbuf_occlude.base.limits import Limits, n_cores
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.datasets.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.datasets.workers import Run, from_environment, parse_shard
@@ -454,7 +454,7 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
         if lacking := missing("ray"):
             raise UnavailableError(f"--engine ray {lacking}")
         return partial(run_ray, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
-    return partial(run_local, n_workers=workers or os.cpu_count() or 1, limits=limits)
+    return partial(run_local, n_workers=workers or n_cores(), limits=limits)
 
 
 def share_of(shard: tuple[int, int] | None) -> tuple[int, int]:

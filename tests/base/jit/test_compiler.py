@@ -324,9 +324,9 @@ def test_where_compiled_code_cannot_be_kept_the_answer_comes_all_the_same(packag
         "caching.IndexDataCacheFile.save = refuse\n"
         "from package.base.caller import ask\n"
         "from package.externals import call\n"
-        "print(ask(), call(1.0))"
+        "print(ask(), call(1.0), ask.is_kept)"
     )
-    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "1 2.0"
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache")) == "1 2.0 False"
 
 
 def test_the_garbage_collector_is_as_it_was_after_compiling() -> None:

@@ -147,6 +147,18 @@ def test_wide_masks() -> None:
         np.testing.assert_array_equal(out, np.where(bools, A[:32], B[:32]))
 
 
+def test_fetching_changes_nothing_and_may_go_beyond_the_end() -> None:
+    @njit
+    def kernel(a, index):
+        simd.prefetch(a, index)
+        return a[0]
+
+    a = np.arange(16, dtype=np.float32)
+    for index in (0, 15, 1 << 40):
+        assert kernel(a, index) == 0.0
+    assert a.tolist() == list(range(16))
+
+
 def test_strided_arrays_are_refused() -> None:
     @njit
     def kernel(a, out):

@@ -66,7 +66,7 @@ class Kernel:
         if not self._is_compiled:
             import numba  # late: it takes 0.3 s
 
-            with _compiling(self._function if self._options.get("cache") else None), suppress(OSError):
+            with suppress(OSError), _compiling(self._function if self._options.get("cache") else None):
                 dispatcher.compile(tuple(map(numba.typeof, arguments)))  # OSError: compiled, but it cannot be kept
             self._is_compiled = True
         return dispatcher(*arguments)
@@ -104,12 +104,11 @@ class External:
 
         symbol, address = f"{self._function.__module__}.{self._function.__name__}", _NOWHERE
         if not _only_compiles:
-            folder = cache_folder()
-            with _compiling(self._function), _lock, _caching_in(folder):
-                try:
-                    self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
-                except OSError:  # it cannot be kept
-                    self._compiled = numba.cfunc(self._signature)(self._function)
+            folder, self._compiled = cache_folder(), None
+            with suppress(OSError), _compiling(self._function), _lock, _caching_in(folder):
+                self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
+            if self._compiled is None:  # it cannot be kept
+                self._compiled = numba.cfunc(self._signature)(self._function)
             address = self._compiled.address
         binding.add_symbol(symbol, address)
         arguments, result = numba.core.sigutils.normalize_signature(self._signature)
@@ -175,8 +174,7 @@ def _compiling(cached: Callable[..., Any] | None) -> Iterator[None]:
     with lock or nullcontext(), _no_collection:
         yield
         if lock:
-            with suppress(OSError):
-                lock.write(b"compiled")
+            lock.write(b"compiled")
 
 
 class _NoCollection:

@@ -278,6 +278,22 @@ def store(typing_context, array, index, vector):
 
 
 @intrinsic
+def prefetch(typing_context, array, index):
+    """Fetch the cache line of the number at a flat index, which need not exist, into the first cache."""
+    _must_be_flat(array)
+
+    def codegen(context, builder, signature, args):
+        address = builder.gep(context.make_array(array)(context, builder, args[0]).data, [args[1]])
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, *[ir.IntType(32)] * 3])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        flags = [ir.Constant(ir.IntType(32), flag) for flag in (0, 3, 1)]  # to read, to keep, data
+        builder.call(function, [builder.bitcast(address, cgutils.voidptr_t), *flags])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen
+
+
+@intrinsic
 def equal_wide(typing_context, array, index, value):
     """Return the mask of the 32 int32 of an array, from a flat index on, that equal a value."""
 

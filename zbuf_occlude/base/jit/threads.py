@@ -13,6 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.limits import n_cores
 
 parallel_kernel = njit(nogil=True, cache=True)
 """Decorator of a kernel that several threads run: ``kernel(tasks, ...)`` calls `next_task` or `take_block` until no
@@ -91,11 +92,15 @@ def single_threaded() -> Iterator[None]:
 def n_threads() -> int:
     """Return the number of threads a call may use: the limit of `use_threads`, at most NUMBA_NUM_THREADS.
 
-    NUMBA_NUM_THREADS is the number of cores by default. `numba.set_num_threads` has no effect here: asking numba for
-    its value starts numba's own threads and, with OpenMP, changes torch's number of threads.
+    Without that variable it is `n_cores`. `numba.set_num_threads` has no effect here: asking numba for its value starts
+    numba's own threads and, with OpenMP, changes torch's number of threads.
     """
-    most: int = numba.config.NUMBA_NUM_THREADS
-    return min(_most, most) if _most else most
+    return min(_most, _max_threads()) if _most else _max_threads()
+
+
+def _max_threads() -> int:
+    most: int = numba.config.NUMBA_NUM_THREADS if os.environ.get("NUMBA_NUM_THREADS") else n_cores()
+    return most
 
 
 def parallel_for(
@@ -138,7 +143,7 @@ def _helpers() -> ThreadPoolExecutor:
     """Return the pool of this process's helper threads."""
     global _pool
     if _pool is None:
-        _pool = ThreadPoolExecutor(max(1, numba.config.NUMBA_NUM_THREADS - 1), "zbuf_occlude")
+        _pool = ThreadPoolExecutor(max(1, _max_threads() - 1), "zbuf_occlude")
     return _pool
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.interrupts import held
-from zbuf_occlude.base.limits import Limits, resident_gigabytes
+from zbuf_occlude.base.limits import Limits, n_cores, resident_gigabytes
 from zbuf_occlude.datasets.workers import Done, Task
 from zbuf_occlude.datasets.workers.pool import ExitStatus, Message, do_jobs, work
 
@@ -83,7 +83,7 @@ class LocalWorker:
     def __init__(self, pickled: bytes, n_workers: int, device_index: int | None) -> None:
         context: Any = multiprocessing.get_context(_start_method())
         self.connection, theirs = context.Pipe()
-        n_threads = max(1, (os.cpu_count() or 1) // n_workers)
+        n_threads = max(1, n_cores() // n_workers)
         # llvmpipe's threads come on top of the one that calls it; with 0 of them that one draws
         environment = {"LP_NUM_THREADS": str(n_threads if n_threads > 1 else 0), **os.environ}
         arguments = (theirs, pickled, device_index, n_threads, environment)

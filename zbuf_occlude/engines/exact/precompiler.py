@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from zbuf_occlude.base.child import Child
 from zbuf_occlude.base.jit.compiler import Kernel, leave_out_externals
-from zbuf_occlude.base.provenance import n_cores
+from zbuf_occlude.base.limits import n_cores
 
 
 class Compilation(NamedTuple):

@@ -34,6 +34,7 @@ from zbuf_occlude.base.jit.simd import (
     minimum,
     muladd,
     not_less,
+    prefetch,
     splat,
     splat3,
     store,
@@ -53,6 +54,8 @@ START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
 `START` is the point where it enters the scene's sphere, or its origin if that is inside; `INVERSE` is 1 / direction.
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
+AHEAD = 6
+"""Rays between a ray and the one whose leaf is fetched meanwhile."""
 UNROLLED_CHILDREN = 4
 """Children of a node that are pushed without a branch."""
 MIN_ENTRY = np.float32(1e-30)
@@ -340,6 +343,9 @@ def _find_candidates(bvh, scratch, n_leaves):
     current, met, masks, n_met = scratch.current, scratch.met, scratch.masks, 0
     rays, corners, used = scratch.rays, bvh.corners, bvh.used
     for j in range(n_leaves):
+        ahead = ~load_unchecked(current, load_unchecked(scratch.at_leaf, min(j + AHEAD, n_leaves - 1)))
+        for row in range(9):
+            prefetch(corners, LEAF * (9 * ahead + row))
         i = load_unchecked(scratch.at_leaf, j)
         leaf = ~load_unchecked(current, i)
         mask = _candidates(corners, leaf, rays, i) & load_unchecked(used, leaf)
