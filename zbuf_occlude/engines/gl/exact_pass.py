@@ -357,7 +357,7 @@ class ExactPass:
                 self._groups_per_second = groups / max(time.perf_counter() - began, 1e-6)
                 hidden, undecided = bits[: last - first, 0], bits[: last - first, 1]
                 read = answer[first:last].view(np.uint8)
-                parallel_for(_read, n_blocks(words, WORDS), hidden, read)
+                parallel_for(_unpack, n_blocks(words, WORDS), hidden, read)
                 eyes, points = _set_bits(undecided & ~hidden)
                 yield eyes + first, points
                 first = last
@@ -406,7 +406,7 @@ class ExactPass:
 
 
 @parallel_kernel
-def _read(tasks, hidden, answer):
+def _unpack(tasks, hidden, answer):
     """Write blocks of answers (k, n), 0 for each bit of `hidden` (k, words) that is set, else 1."""
     n = answer.shape[1]
     begin, end = take_block(tasks, hidden.shape[1], WORDS)

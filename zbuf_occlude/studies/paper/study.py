@@ -144,9 +144,8 @@ def run_study(
     n_now = 0
     with suppress(TimeUp):
         for experiment in chosen:
-            experiment.n_workers = n_cores() if workers is None else workers
-            experiment.check_time = partial(_check_time, until)
-            study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds)
+            n_workers, check_time = n_cores() if workers is None else workers, partial(_check_time, until)
+            study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds, n_workers, check_time)
             study |= experiment.notes()
             atomic.write_json(folder / STUDY, study)
         trials = [trial for experiment in chosen for trial in experiment.trials()]  # of the methods that can run here
