@@ -44,6 +44,7 @@ from matplotlib.colors import TwoSlopeNorm
 
 import zbuf_occlude as zo
 from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.drawing.pictures import canvas
 
 MOST_PAIRS = 2_000_000
@@ -164,7 +165,7 @@ QUESTIONS = (
 
 
 class Embreex:
-    pool = ThreadPoolExecutor(os.cpu_count())
+    pool = ThreadPoolExecutor(n_cores())
 
     def __init__(self, mesh: zo.Mesh) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -415,7 +416,7 @@ def main(
     if isa:
         limit_to(isa)
     best = "AVX-512" if binding.get_host_cpu_features().get("avx512f") else "the best instruction set"
-    print(f"{processor()}, {os.cpu_count()} cores, {isa or best}")
+    print(f"{processor()}, {n_cores()} cores, {isa or best}")
     peers = present(peer, tinybvh)
     usual = QUICK if quick else ((), ())
     questions = chosen(QUESTIONS, question or usual[1])

@@ -22,8 +22,8 @@ from common import DATA, ROOT, cost_of, in_turns
 import zbuf_occlude as zo
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.child import Child, call_in_child
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.errors import GlError, OccludeError
-from zbuf_occlude.base.limits import n_cores
 from zbuf_occlude.base.provenance import versions
 from zbuf_occlude.datasets.counts import QualityCounts, WorstView
 from zbuf_occlude.datasets.pipeline import check

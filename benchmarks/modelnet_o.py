@@ -3,7 +3,6 @@
 python benchmarks/modelnet_o.py [SHAPES] [WORKERS]      1,000 shapes in as many processes as there are cores
 """
 
-import os
 import tempfile
 import time
 from functools import partial
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from common import run
 
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
@@ -20,7 +20,7 @@ from zbuf_occlude.meshes import shapes
 WHOLE = 246_220
 
 
-def main(n_shapes: int = 1_000, n_workers: int = os.cpu_count() or 1) -> None:
+def main(n_shapes: int = 1_000, n_workers: int = n_cores()) -> None:
     collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
     config = DatasetConfig(method="exact", views="fibonacci:20", subset="fps")
     local_run = partial(local.run_local, n_workers=n_workers, limits=Limits())

@@ -32,6 +32,7 @@ from common import heads, row, run
 from tqdm import tqdm
 
 import zbuf_occlude as zo
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.limits import Limits, resident_gigabytes
 from zbuf_occlude.datasets.generate import GenerateTask, generate
 from zbuf_occlude.datasets.packed import archive_name
@@ -176,7 +177,7 @@ def print_table(report: dict[str, Any]) -> None:
             row(*cells, ", ".join(f"{quarter:.0f}" for quarter in life["quarters"]))
 
 
-def main(*, one: int = 200_000, recycled: int = 1_000_000, workers: int = os.cpu_count() or 1) -> int:
+def main(*, one: int = 200_000, recycled: int = 1_000_000, workers: int = n_cores()) -> int:
     report: dict[str, Any] = {}
     if recycled:
         with tempfile.TemporaryDirectory() as folder:

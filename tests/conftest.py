@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import skips
 from tests.needs import lacking, need
-from zbuf_occlude.base.limits import n_cores
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.engines.gl.context import ENVIRONMENT, GlContext
 
 GL = pytest.StashKey[GlContext]()

@@ -10,13 +10,15 @@ import pytest
 
 import zbuf_occlude
 from tests.processes import python, run_program
-from zbuf_occlude.base.limits import Limits, n_cores
+from zbuf_occlude.base.cores import n_cores
+from zbuf_occlude.base.limits import Limits
 
 PACKAGE = Path(zbuf_occlude.__file__).parent
 
 
 def test_cores_where_the_system_does_not_say(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 1 <= n_cores() <= (os.cpu_count() or 1)
+    monkeypatch.setattr("zbuf_occlude.base.cores.n_by_quota", lambda: None)
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     assert n_cores() == os.cpu_count()
 

@@ -1,14 +1,12 @@
-"""Limits of the time and memory of one mesh, beyond which its worker is killed, and of what a process may use."""
+"""Limits of the time and memory of one mesh, beyond which its worker is killed."""
 
-import math
 import os
 import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -80,44 +78,6 @@ class Limits:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
-
-
-def n_cores() -> int:
-    """Return the number of cores that this process may use: by affinity, and by the processor time of its container."""
-    if not hasattr(os, "sched_getaffinity"):
-        return os.cpu_count() or 1
-    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(min(_quota(), 1e6))))
-
-
-@cache
-def _quota(process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")) -> float:
-    """Return the cores' worth of time that the control groups of this process allow it; infinity for no limit.
-
-    Docker's --cpus, Kubernetes' limits and SLURM's cgroups set it. Both versions of control groups are read.
-    """
-    least = math.inf
-    with suppress(OSError, ValueError):
-        for line in process.read_text(encoding="utf-8").splitlines():
-            _, controllers, path = line.split(":", 2)
-            if controllers and "cpu" not in controllers.split(","):
-                continue
-            top = mounted / "cpu" if controllers else mounted
-            own = top / path.lstrip("/")
-            for folder in (own, *own.parents):
-                least = min(least, _quota_of(folder))
-                if folder == top:
-                    break
-    return least
-
-
-def _quota_of(folder: Path) -> float:
-    """Return the cores' worth of time that a control group allows; infinity where it sets no limit."""
-    for names in (("cpu.max",), ("cpu.cfs_quota_us", "cpu.cfs_period_us")):
-        with suppress(OSError, ValueError):
-            time, period = " ".join((folder / name).read_text(encoding="utf-8") for name in names).split()
-            if time not in ("max", "-1"):
-                return int(time) / int(period)
-    return math.inf
 
 
 def address_space() -> int | None:

@@ -12,9 +12,10 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.errors import MeshError, OptionError, UnavailableError, find_row
 from zbuf_occlude.base.extras import missing
-from zbuf_occlude.base.limits import Limits, n_cores
+from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.datasets.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.datasets.workers import Run, from_environment, parse_shard

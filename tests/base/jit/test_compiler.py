@@ -340,3 +340,24 @@ def test_the_garbage_collector_is_as_it_was_after_compiling() -> None:
         assert third(3.0) == 1.0
         assert gc.isenabled() == enabled
     gc.enable()
+
+
+def test_where_nothing_can_be_kept_threads_nested_functions_and_other_types_get_their_answers(package: Path) -> None:
+    (package / "base" / "nested.py").write_text(
+        "from package.base.jit.compiler import njit\n"
+        "@njit(cache=True)\ndef inner(x):\n    return x + 1\n"
+        "@njit(cache=True)\ndef outer(x):\n    return 2 * inner(x)\n"
+    )
+    program = (
+        "import threading\n"
+        "from numba.core import caching\n"
+        "def refuse(*given): raise OSError(28, 'No space left on device')\n"
+        "caching.IndexDataCacheFile.save = refuse\n"
+        "from package.base.nested import inner, outer\n"
+        "found = []\n"
+        "threads = [threading.Thread(target=lambda: found.append(outer(1))) for _ in range(2)]\n"
+        "[thread.start() for thread in threads], [thread.join() for thread in threads]\n"
+        "print(*found, outer(0.5), inner.is_kept, outer.is_kept)"
+    )
+    found = run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
+    assert found == "4 4 3.0 False False"

@@ -14,6 +14,7 @@ from tests.datasets.test_generate import files
 from tests.datasets.workers.loads import bad, ball, hang, suicide, swell, tell, warn
 from tests.processes import ended
 from zbuf_occlude import DatasetError
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.datasets.folder import claim_folder
 from zbuf_occlude.datasets.generate import generate
@@ -141,7 +142,7 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
     for value in ("one", "two"):
         monkeypatch.setenv("TOLD_TO_WORKERS", value)
         failures = run(plan_of(*[tell] * 4, ball), tmp_path / value, n_workers=2)
-        n = min(numba.config.NUMBA_NUM_THREADS, max(1, (os.cpu_count() or 1) // 2))
+        n = min(numba.config.NUMBA_NUM_THREADS, max(1, n_cores() // 2))
         assert failures == {f"m{i}": f"{value}, {n} threads" for i in range(4)}
 
 

@@ -30,6 +30,9 @@ CACHE_KEY_FOLDERS = (
 PATIENCE = 60.0
 """Seconds to wait for another process that compiles the same function; it may hang."""
 
+MAX_LOST = 20
+"""Maximum functions that a call compiles and cannot keep: the disk is full."""
+
 POLL = 0.02
 """Seconds between two attempts to take its lock."""
 
@@ -45,7 +48,7 @@ class Kernel:
         update_wrapper(self, function)
         self._function, self._options = function, options
         self._dispatcher: Any = None
-        self._is_compiled = False
+        self._is_compiled = self._is_lost = False
 
     def _declared(self) -> Any:
         """Return numba's dispatcher."""
@@ -67,9 +70,19 @@ class Kernel:
             import numba  # late: it takes 0.3 s
 
             with suppress(OSError), _compiling(self._function if self._options.get("cache") else None):
-                dispatcher.compile(tuple(map(numba.typeof, arguments)))  # OSError: compiled, but it cannot be kept
+                self._keep(lambda: dispatcher.compile(tuple(map(numba.typeof, arguments))))
+                if self._is_lost:
+                    raise OSError
             self._is_compiled = True
-        return dispatcher(*arguments)
+        return self._keep(lambda: dispatcher(*arguments))
+
+    def _keep(self, compiles: Callable[[], Any]) -> Any:
+        """Call what may compile; again where numba cannot keep what it has compiled, a function more each time."""
+        for _ in range(MAX_LOST):
+            with suppress(OSError):
+                return compiles()
+            self._is_lost = True
+        return compiles()
 
     @property
     def is_kept(self) -> bool:

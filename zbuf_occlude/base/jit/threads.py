@@ -12,8 +12,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from zbuf_occlude.base.cores import n_by_quota
 from zbuf_occlude.base.jit.compiler import njit
-from zbuf_occlude.base.limits import n_cores
 
 parallel_kernel = njit(nogil=True, cache=True)
 """Decorator of a kernel that several threads run: ``kernel(tasks, ...)`` calls `next_task` or `take_block` until no
@@ -92,15 +92,15 @@ def single_threaded() -> Iterator[None]:
 def n_threads() -> int:
     """Return the number of threads a call may use: the limit of `use_threads`, at most NUMBA_NUM_THREADS.
 
-    Without that variable it is `n_cores`. `numba.set_num_threads` has no effect here: asking numba for its value starts
-    numba's own threads and, with OpenMP, changes torch's number of threads.
+    Without that variable it is the number of cores that the process may use. `numba.set_num_threads` has no effect
+    here: asking numba for its value starts numba's own threads and, with OpenMP, changes torch's number of threads.
     """
     return min(_most, _max_threads()) if _most else _max_threads()
 
 
 def _max_threads() -> int:
-    most: int = numba.config.NUMBA_NUM_THREADS if os.environ.get("NUMBA_NUM_THREADS") else n_cores()
-    return most
+    most: int = numba.config.NUMBA_NUM_THREADS  # of the process when it began: OpenMP binds its threads later
+    return most if os.environ.get("NUMBA_NUM_THREADS") else min(most, n_by_quota() or most)
 
 
 def parallel_for(

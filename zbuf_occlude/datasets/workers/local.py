@@ -16,9 +16,10 @@ from contextlib import suppress
 from multiprocessing import connection, forkserver, resource_tracker
 from typing import Any
 
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.interrupts import held
-from zbuf_occlude.base.limits import Limits, n_cores, resident_gigabytes
+from zbuf_occlude.base.limits import Limits, resident_gigabytes
 from zbuf_occlude.datasets.workers import Done, Task
 from zbuf_occlude.datasets.workers.pool import ExitStatus, Message, do_jobs, work
 

@@ -10,8 +10,8 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from zbuf_occlude.base.child import Child
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.jit.compiler import Kernel, leave_out_externals
-from zbuf_occlude.base.limits import n_cores
 
 
 class Compilation(NamedTuple):

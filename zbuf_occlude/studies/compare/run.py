@@ -22,8 +22,8 @@ import numpy as np
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import BoolArray
 from zbuf_occlude.base.child import Child, ChildFailed
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.errors import DatasetError, OccludeError
-from zbuf_occlude.base.limits import n_cores
 from zbuf_occlude.base.provenance import versions
 from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.meshes.shapes.solids import box

@@ -20,8 +20,8 @@ import torch
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.child import Child, ChildFailed, report_progress
+from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.errors import DatasetError, OptionError, UnavailableError
-from zbuf_occlude.base.limits import n_cores
 from zbuf_occlude.base.provenance import versions
 from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
 from zbuf_occlude.studies.compare.run import machine
