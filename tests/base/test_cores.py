@@ -28,6 +28,7 @@ CPU_MAX, CFS_QUOTA, CFS_PERIOD = "cpu.max", "cpu.cfs_quota_us", "cpu.cfs_period_
         ("4:memory:/a\n", {f"cpu/{CFS_QUOTA}": "100000", f"cpu/{CFS_PERIOD}": "100000"}, None),
         ("0::/\n", {CPU_MAX: "no number"}, None),
         ("0::/\n", {CPU_MAX: "100000 0"}, None),
+        ("0::/\n", {CPU_MAX: "0 100000"}, None),
         ("no group", {}, None),
         (None, {}, None),
     ],

@@ -30,11 +30,11 @@ CACHE_KEY_FOLDERS = (
 PATIENCE = 60.0
 """Seconds to wait for another process that compiles the same function; it may hang."""
 
-MAX_LOST = 20
-"""Maximum functions that a call compiles and cannot keep: the disk is full."""
-
 POLL = 0.02
 """Seconds between two attempts to take its lock."""
+
+MAX_LOST = 20
+"""Maximum functions that a call compiles although they cannot be kept, as on a full disk."""
 
 _LOG = logging.getLogger(__name__)
 _lock = threading.RLock()
@@ -48,7 +48,8 @@ class Kernel:
         update_wrapper(self, function)
         self._function, self._options = function, options
         self._dispatcher: Any = None
-        self._is_compiled = self._is_lost = False
+        self._is_compiled = False
+        self._is_lost = False  # True once compiled code could not be kept
 
     def _declared(self) -> Any:
         """Return numba's dispatcher."""
@@ -70,14 +71,14 @@ class Kernel:
             import numba  # late: it takes 0.3 s
 
             with suppress(OSError), _compiling(self._function if self._options.get("cache") else None):
-                self._keep(lambda: dispatcher.compile(tuple(map(numba.typeof, arguments))))
+                self._retry(lambda: dispatcher.compile(tuple(map(numba.typeof, arguments))))
                 if self._is_lost:
-                    raise OSError
+                    raise OSError("it must not be marked as compiled")
             self._is_compiled = True
-        return self._keep(lambda: dispatcher(*arguments))
+        return self._retry(lambda: dispatcher(*arguments))
 
-    def _keep(self, compiles: Callable[[], Any]) -> Any:
-        """Call what may compile; again where numba cannot keep what it has compiled, a function more each time."""
+    def _retry(self, compiles: Callable[[], Any]) -> Any:
+        """Call what may compile, again after each function that numba has compiled but cannot keep."""
         for _ in range(MAX_LOST):
             with suppress(OSError):
                 return compiles()
