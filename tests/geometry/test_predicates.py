@@ -3,6 +3,7 @@
 from fractions import Fraction
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -12,7 +13,7 @@ from tests.rational import exact, sees
 from tests.rational import meeting as rational_meeting
 from zbuf_occlude import Mesh
 from zbuf_occlude.geometry.determinants import CLEAR, determinant, low_part
-from zbuf_occlude.geometry.predicates import blocks, compare_hits, ray_triangle_t
+from zbuf_occlude.geometry.predicates import blocks, compare_hits, filtered_hit, ray_triangle_t
 
 Vector = tuple[float, float, float]
 
@@ -142,6 +143,18 @@ def test_determinants_have_the_sign_of_rational_arithmetic(a: Any, scale: float,
         assert abs(Fraction(found) / truth - 1) < 1e-9
 
 
+@numba.njit
+def _filtered_hit(origin: Vector, direction: Vector, a: Vector, b: Vector, c: Vector) -> tuple[float, float]:
+    return filtered_hit(origin, direction, a, b, c)  # type: ignore[no-any-return]
+
+
+def test_the_filter_decides_clear_cases() -> None:
+    for x, expected in ((0.0, 1.0), (0.3, 1.0), (2.0, np.inf), (-0.999, np.inf)):
+        assert _filtered_hit(EYE, (x, 0.0, 1.0), *TRIANGLE)[0] == expected
+    assert _filtered_hit((0.0, 0.0, 2.0), (0.0, 0.0, 1.0), *TRIANGLE)[0] == np.inf  # behind the ray
+    assert np.isnan(_filtered_hit(EYE, (0.0, -1.0, 1.0), *TRIANGLE)[0])  # through an edge
+
+
 @settings(max_examples=100)
 @given(
     origin=vectors,
@@ -159,5 +172,7 @@ def test_meetings_are_ordered_as_by_rational_arithmetic(origin: Vector, face: An
         found, error = ray_triangle_t(origin, direction, *corners)
         assert np.isinf(found) == (t is None)
         assert t is None or abs(Fraction(found) - t) <= Fraction(error)
+        filtered, filtered_error = _filtered_hit(origin, direction, *corners)
+        assert np.isnan(filtered) or (filtered == found and (t is None or filtered_error == error))
     if None not in met:
         assert compare_hits(origin, direction, face, other) == (met[0] > met[1]) - (met[0] < met[1])

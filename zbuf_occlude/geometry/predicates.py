@@ -37,16 +37,23 @@ def passes(origin, direction, a, b, c):
     The volume of an edge pq, d . ((p - o) x (q - o)), equals d . ((p - o) x (q - p)), whose products are smaller from
     afar.
     """
+    misses, is_sure, above = _sides(origin, direction, a, b, c)
+    if misses:
+        return 0
+    if is_sure:
+        return 1 if above else -1
+    return IN_DOUBT
+
+
+@always_inline
+def _sides(origin, direction, a, b, c):
+    """Return whether a line surely misses a triangle, whether no edge is in doubt, and whether an edge has the side 1."""
     u, u_error = filtered_determinant(direction, minus(b, origin), minus(c, b))
     v, v_error = filtered_determinant(direction, minus(c, origin), minus(a, c))
     w, w_error = filtered_determinant(direction, minus(a, origin), minus(b, a))
     above = (u > u_error) | (v > v_error) | (w > w_error)
     below = (u < -u_error) | (v < -v_error) | (w < -w_error)
-    if above & below:
-        return 0
-    if (abs(u) > u_error) & (abs(v) > v_error) & (abs(w) > w_error):
-        return 1 if above else -1
-    return IN_DOUBT
+    return above & below, (abs(u) > u_error) & (abs(v) > v_error) & (abs(w) > w_error), above
 
 
 @njit()
@@ -194,6 +201,20 @@ def ray_triangle_t(origin, direction, a, b, c):
         return math.inf, 0.0
     fraction, error = ray_plane_t(origin, direction, a, b, c)
     return (fraction, error) if fraction > 0.0 else (math.inf, 0.0)
+
+
+@njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True)
+def filtered_hit(origin, direction, a, b, c):
+    """Return `ray_triangle_t` without branches; the distance is not a number if float64 cannot decide."""
+    misses, is_sure, _ = _sides(origin, direction, a, b, c)
+    ab, ac = minus(b, a), minus(c, a)
+    height, height_error = filtered_determinant(minus(a, origin), ab, ac)
+    slope, slope_error = filtered_determinant(direction, ab, ac)
+    is_sure &= (abs(height) > CLEAR * height_error) & (abs(slope) > CLEAR * slope_error)
+    fraction = height / slope
+    error = abs(fraction) * (height_error / abs(height) + slope_error / abs(slope) + ROUNDING)
+    fraction = fraction if is_sure else math.nan
+    return math.inf if misses | (fraction <= 0.0) else fraction, error
 
 
 @device_function

@@ -33,6 +33,26 @@ def test_far_origins() -> None:
         assert distance > 1e12 or (truth.face_ids[8:] >= 0).mean() > 0.9
 
 
+@pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12])
+def test_slivers(width: float) -> None:
+    """Rays of many origins through needles that float32 hardly tells from lines, and just past them."""
+    rng = np.random.default_rng(int(-np.log10(width)))
+    begins, alongs, acrosses = rng.normal(size=(3, 200, 3))
+    corners = np.stack([begins, begins + alongs, begins + 0.5 * alongs + width * acrosses], axis=1)
+    mesh = zo.Mesh(corners.reshape(-1, 3), np.arange(600).reshape(-1, 3))
+    weights = rng.dirichlet([1, 1, 1], (10, 200))
+    targets = np.einsum("kfc,fci->kfi", weights, corners)
+    targets[5:] += 10.0 ** rng.uniform(-12, -4, (5, 200, 1)) * rng.normal(size=(5, 200, 3))
+    targets = targets.reshape(-1, 3)
+    origins = 3.0 * rng.normal(size=targets.shape)
+    truth = prepare_oracle(mesh).first_hits(origins, targets - origins)
+    with zo.prepare(mesh, "exact") as occluder:
+        found = occluder.first_hits(origins, targets - origins)
+    assert (truth.face_ids >= 0).sum() > 300
+    assert (found.face_ids == truth.face_ids).all()
+    assert (found.distances == truth.distances).all()
+
+
 def test_many_rays_are_shared_out_among_threads() -> None:
     """More rays than a block, in an order that jumps about: each is answered for itself."""
     mesh = solids.icosphere(4)

@@ -14,6 +14,7 @@ from zbuf_occlude.base.jit.simd import (
     load3_wide,
     load_scalar,
     load_scalar3,
+    load_unchecked,
     load_wide,
     minimum,
     muladd,
@@ -36,7 +37,7 @@ from zbuf_occlude.engines.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.engines.exact.single_rays import traverse_bvh, triple
+from zbuf_occlude.engines.exact.single_rays import corners_of_pair, traverse_bvh, triple
 from zbuf_occlude.geometry.predicates import blocks
 
 SAFETY_FACTOR = np.float32(1.001)
@@ -246,10 +247,13 @@ def find_hidden(bvh, scratch, n):
 
 
 @always_inline
-def _block(bvh, scratch, i, candidate, a, b, c):
-    """Record the face and stop the traversal if it blocks the line of sight."""
-    if blocks(triple(scratch.origins, i), triple(scratch.points, i), a, b, c, bvh.world_contact):
-        scratch.faces[i], scratch.fractions[i] = candidate, -1.0
+def _block(bvh, scratch, first, n):
+    """Record the face and stop the traversal where a face blocks the line of sight."""
+    for j in range(n):
+        i = load_unchecked(scratch.asking, first + j)
+        a, b, c = corners_of_pair(scratch.pairs, j)
+        if blocks(triple(scratch.origins, i), triple(scratch.points, i), a, b, c, bvh.world_contact):
+            scratch.faces[i], scratch.fractions[i] = load_unchecked(scratch.asked, first + j), -1.0
 
 
 @device_function

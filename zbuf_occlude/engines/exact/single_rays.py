@@ -4,7 +4,7 @@ The rays of a block advance together, one kind of step at a time: nodes, leaves,
 needs is fetched, steps of other rays proceed, and hardly any branch depends on the outcome of a test.
 
 A face that float32 excludes cannot be hit: every comparison has a margin above the rounding of all its operands.
-`predicates.ray_triangle_t` decides the remaining faces, so face and distance are the oracle's, ties included.
+The definition in `predicates` decides the remaining faces, so face and distance are the oracle's, ties included.
 
 All float32 arithmetic is in scene space, from the point where a ray enters the scene's sphere, so that no coordinate
 exceeds about 1. The boxes are widened by the rounding of that point. Rays from beyond `MAX_FACE_TEST_DISTANCE` test
@@ -45,7 +45,7 @@ from zbuf_occlude.base.jit.threads import parallel_kernel, take_block
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.engines.exact.bvh import Bvh, corners_of
 from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64
-from zbuf_occlude.geometry.predicates import is_nearer, ray_triangle_t
+from zbuf_occlude.geometry.predicates import filtered_hit, is_nearer, ray_triangle_t
 
 TRAVERSAL_RAYS = 256
 """Rays, or lines of sight, per block: enough to hide memory latency, few enough for the cache."""
@@ -56,6 +56,12 @@ A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far w
 one."""
 AHEAD = 6
 """Rays between a ray and the one whose leaf is fetched meanwhile."""
+PAIRS = 64
+"""Pairs of a ray and a face that float64 tests at a time, a multiple of `F64_LANES`."""
+F64_LANES = 8
+"""Float64 numbers of the widest vector."""
+CORNERS, PAIR_ORIGIN, PAIR_DIRECTION, FRACTION, ERROR, PAIR_ROWS = 0, 9, 12, 15, 16, 17
+"""Rows of pairs: corners of the face, origin and direction of the ray, distance of the hit in directions, its error."""
 UNROLLED_CHILDREN = 4
 """Children of a node that are pushed without a branch."""
 MIN_ENTRY = np.float32(1e-30)
@@ -75,11 +81,9 @@ MOMENT_ERROR = np.float32(1e-6)
 SLOPE_ERROR = np.float32(2e-6)
 """Error bound of direction . normal, per size + size squared of the face: the normal errs by 4.2e-7 sizes + 6e-7 sizes
 squared."""
-DISTANCE_ERROR = np.float32(16e-6)
-"""Error bound of distance x slope, per size + size squared of the face: twice the slope's, times 4 for the limit that
-it is compared with."""
-SPREAD = np.float32(1.8)
-"""Bound on the ratio of the 1-norm of a ray's moment to the ray's distance from the corner."""
+DISTANCE_ERROR = np.float32(20e-6)
+"""Error bound of distance x slope, per size + size squared of the face: twice the slope's, and 4 times the slope's for
+the limit that it is compared with, or 8 times where the slope may have the wrong sign."""
 MAX_FACE_TEST_DISTANCE = 1e6
 """Largest distance of an origin, scene units, at which a ray's start is accurate enough for float32 tests of faces."""
 FAR_ERROR = 4e-15
@@ -106,9 +110,9 @@ class TraversalScratch(NamedTuple):
     at_leaf: Int64  # (n + 1,) rays whose next test is a leaf
     met: Int64  # (n + 1,) rays at a leaf that may meet one of its faces
     masks: Int64  # (n + 1,) mask of these faces
-    asking: Int64  # (16 n,) ray of each candidate pair of ray and face
-    asked: Int64  # (16 n,) face of each pair
-    corners: FloatArray  # (9 x 16 n,) corners of the face of each pair, world space
+    asking: Int64  # (16 n,) ray of each candidate pair
+    asked: Int64  # (16 n,) face of each candidate pair
+    pairs: FloatArray  # (17 x `PAIRS`,) rows `CORNERS` to `ERROR` of pairs of ray and face, world space
     rays: Float32  # (16 n,) rows `START` to `LIMIT`
     nodes: Int64  # (n room,) stacks of nodes, or ~leaves; of one parent's children the nearest is on top
     nearest: Float32  # (n room,) lower bounds of their distances; -`F32_MAX` at the bottom
@@ -137,7 +141,7 @@ def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
         masks=np.empty(more, dtype=np.int64),
         asking=np.empty(LEAF * n, dtype=np.int64),
         asked=np.empty(LEAF * n, dtype=np.int64),
-        corners=np.empty(9 * LEAF * n),
+        pairs=np.zeros(PAIR_ROWS * PAIRS),
         rays=np.empty(16 * n, dtype=np.float32),
         nodes=np.empty(n * room, dtype=np.int64),
         nearest=np.full(n * room, -F32_MAX, dtype=np.float32),
@@ -171,34 +175,76 @@ def triple(numbers, i):
 
 
 @always_inline
-def _keep_nearer(bvh, scratch, i, candidate, a, b, c):
-    origin, direction, face = triple(scratch.origins, i), triple(scratch.directions, i), scratch.faces[i]
-    found, error = ray_triangle_t(origin, direction, a, b, c)
-    if is_nearer(
-        *(origin, direction, candidate, found, error, face, scratch.fractions[i], scratch.errors[i]),
-        *((a, b, c), corners_of(bvh, max(face, 0))),
-    ):
-        scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
+def _keep_nearer(bvh, scratch, first, n):
+    """Meet the faces of n candidate pairs, from `first` on, and keep the nearest hit of each ray."""
+    pairs = scratch.pairs
+    _gather(scratch, scratch.origins, PAIR_ORIGIN, first, n)
+    _gather(scratch, scratch.directions, PAIR_DIRECTION, first, n)
+    _filter_hits(pairs, (n + F64_LANES - 1) & -F64_LANES)
+    for j in range(n):
+        i, candidate = load_unchecked(scratch.asking, first + j), load_unchecked(scratch.asked, first + j)
+        found, error = load_unchecked(pairs, FRACTION * PAIRS + j), load_unchecked(pairs, ERROR * PAIRS + j)
+        origin, direction, corners = triple(scratch.origins, i), triple(scratch.directions, i), corners_of_pair(pairs, j)
+        if found != found:
+            found, error = ray_triangle_t(origin, direction, *corners)
+        face, before, before_error = scratch.faces[i], scratch.fractions[i], scratch.errors[i]
+        is_first = found + error < before - before_error
+        if not is_first and found - error <= before + before_error and found < np.inf:
+            hit, hit_before = (candidate, found, error), (face, before, before_error)
+            is_first = is_nearer(origin, direction, *hit, *hit_before, corners, corners_of(bvh, face))
+        if is_first:
+            scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
+
+
+@njit(error_model="numpy")
+def _filter_hits(pairs, n):
+    """Compute the hits of n pairs; without branches, so that the compiler vectorises the loop."""
+    for j in range(n):
+        origin, direction = _vector_of_pair(pairs, j, PAIR_ORIGIN), _vector_of_pair(pairs, j, PAIR_DIRECTION)
+        fraction, error = filtered_hit(origin, direction, *corners_of_pair(pairs, j))
+        store_unchecked(pairs, FRACTION * PAIRS + j, fraction)
+        store_unchecked(pairs, ERROR * PAIRS + j, error)
+
+
+@always_inline
+def corners_of_pair(pairs, j):
+    """Return the corners of the face of a pair."""
+    first, second = _vector_of_pair(pairs, j, CORNERS), _vector_of_pair(pairs, j, CORNERS + 3)
+    return first, second, _vector_of_pair(pairs, j, CORNERS + 6)
+
+
+@always_inline
+def _vector_of_pair(pairs, j, row):
+    at = row * PAIRS + j
+    return load_unchecked(pairs, at), load_unchecked(pairs, at + PAIRS), load_unchecked(pairs, at + 2 * PAIRS)
+
+
+@always_inline
+def _gather(scratch, vectors, row, first, n):
+    """Copy a vector of the ray of each of n candidate pairs, from `first` on, to three rows."""
+    for j in range(n):
+        i = load_unchecked(scratch.asking, first + j)
+        for axis in range(3):
+            store_unchecked(scratch.pairs, (row + axis) * PAIRS + j, load_unchecked(vectors, 3 * i + axis))
 
 
 @inline_ir
 def traverse_bvh(bvh, scratch, n, test):
     """Traverse the hierarchy along n rays, nearest boxes first, up to ``scratch.fractions``.
 
-    ``test(bvh, scratch, i, candidate, a, b, c)`` is called for each face abc that ray i may meet. It writes a hit to
-    ``scratch.faces``, which is -1 at first, and the length still to be searched to ``scratch.fractions``.
+    ``test(bvh, scratch, first, m)`` is called for m candidate pairs, from `first` on, whose corners are the first rows
+    of ``scratch.pairs``. It writes hits to ``scratch.faces``, which is -1 at first, and the length that is still to be
+    searched to ``scratch.fractions``.
     """
     _set_up(bvh.centre, bvh.scale, scratch.origins, scratch.directions, n, scratch.rays, scratch.skipped, scratch.units)
     n_nodes, n_leaves = _begin(scratch, n), 0
     while n_nodes + n_leaves > 0:
         n_nodes, n_leaves = _push_children(bvh, scratch, n_nodes, n_leaves)
-        for j in range(_find_candidates(bvh, scratch, n_leaves)):
-            a, b, c = (
-                triple(scratch.corners, 3 * j),
-                triple(scratch.corners, 3 * j + 1),
-                triple(scratch.corners, 3 * j + 2),
-            )
-            test(bvh, scratch, scratch.asking[j], scratch.asked[j], a, b, c)
+        n_asked = _find_candidates(bvh, scratch, n_leaves)
+        for first in range(0, n_asked, PAIRS):
+            m = min(n_asked - first, PAIRS)
+            _gather_corners(bvh, scratch, first, m)
+            test(bvh, scratch, first, m)
         n_nodes, n_leaves = _pop_after_leaves(scratch, n_nodes, n_leaves)
 
 
@@ -339,7 +385,7 @@ def _pop_after_leaves(scratch, n_nodes, n_leaves):
 
 @device_function
 def _find_candidates(bvh, scratch, n_leaves):
-    """List candidate pairs of a ray at a leaf and a face, with the face's corners; return their number."""
+    """List candidate pairs of a ray at a leaf and a face; return their number."""
     current, met, masks, n_met = scratch.current, scratch.met, scratch.masks, 0
     rays, corners, used = scratch.rays, bvh.corners, bvh.used
     for j in range(n_leaves):
@@ -352,7 +398,7 @@ def _find_candidates(bvh, scratch, n_leaves):
         store_unchecked(met, n_met, i)
         store_unchecked(masks, n_met, mask)
         n_met += mask != 0
-    asking, asked, found, n_asked = scratch.asking, scratch.asked, scratch.corners, 0
+    asking, asked, n_asked = scratch.asking, scratch.asked, 0
     for j in range(n_met):
         i, mask = load_unchecked(met, j), load_unchecked(masks, j)
         while mask:
@@ -361,13 +407,19 @@ def _find_candidates(bvh, scratch, n_leaves):
             store_unchecked(asked, n_asked, face)
             mask &= mask - 1
             n_asked += face != load_unchecked(scratch.own, i)
-    faces, vertices = bvh.faces, bvh.vertices
-    for j in range(n_asked):
-        for corner in range(3):
-            vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(asked, j) + corner))
-            for axis in range(3):
-                store_unchecked(found, 9 * j + 3 * corner + axis, load_unchecked(vertices, 3 * vertex + axis))
     return n_asked
+
+
+@device_function
+def _gather_corners(bvh, scratch, first, n):
+    """Copy the corners of the face of each of n candidate pairs, from `first` on, to their rows."""
+    faces, vertices, pairs = bvh.faces, bvh.vertices, scratch.pairs
+    for j in range(n):
+        for corner in range(3):
+            vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(scratch.asked, first + j) + corner))
+            for axis in range(3):
+                row = CORNERS + 3 * corner + axis
+                store_unchecked(pairs, row * PAIRS + j, load_unchecked(vertices, 3 * vertex + axis))
 
 
 @always_inline
@@ -393,15 +445,16 @@ def _candidates(corners, leaf, rays, i):
     u, v, depth = blend(turned, zero - u, u), blend(turned, zero - v, v), blend(turned, zero - depth, depth)
     slope = absolute(slope)
     size = _size_of(first) + _size_of(second)
-    distance = _size_of(moment)  # 1 to 1.8 times the ray's distance from the first corner
+    distance = _size_of(moment)  # at least the ray's distance from the first corner
     edge_error = splat(AREA_ERROR) * size + splat(MOMENT_ERROR) * distance
     spread = size + size * size
     slope_error, depth_error = splat(SLOPE_ERROR) * spread, splat(DISTANCE_ERROR) * spread
-    inside = not_less(u, zero - edge_error) & not_less(v, zero - edge_error)
-    inside &= not_less(slope - u - v, zero - (edge_error + edge_error + slope_error))
+    # a slope of less than its error may have the wrong sign, but then no signed area of a hit exceeds twice that error
+    area_error = edge_error + slope_error + slope_error
+    inside = not_less(u, zero - area_error) & not_less(v, zero - area_error)
+    inside &= not_less(slope - u - v, zero - (area_error + edge_error + slope_error))
     before = not_less(depth, zero - depth_error) & not_less(splat(_row(rays, i, LIMIT)) * slope + depth_error, depth)
-    edge_on = not_less(slope_error, slope) & not_less((size + splat(MARGIN)) * splat(SPREAD), distance)
-    return (inside & before) | edge_on
+    return inside & before
 
 
 @always_inline
