@@ -183,8 +183,9 @@ def _search_packets(bvh, points, view, chunk, n, space, answer):
         rect, undecided = project_packet(bvh, points, packet, view, space.image)
         if undecided:
             hidden = _search_packet(bvh, points, view, undecided, rect, n, space)
-            for i in range(base, min(base + PACKET, points.n_points)):
-                answer[points.order[i]] &= ~(hidden >> (i - base)) & 1
+            while hidden:
+                answer[points.order[base + first_lane(hidden)]] = 0
+                hidden &= hidden - 1
 
 
 @always_inline

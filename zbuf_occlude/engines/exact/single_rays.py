@@ -55,7 +55,7 @@ START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
 AHEAD = 6
-"""Rays between a ray and the one whose leaf is fetched meanwhile."""
+"""Rays between a ray and the one whose node or leaf is fetched meanwhile."""
 PAIRS = 64
 """Pairs of a ray and a face that float64 tests at a time, a multiple of `F64_LANES`."""
 F64_LANES = 8
@@ -325,6 +325,10 @@ def _push_children(bvh, scratch, n_nodes, n_leaves):
     boxes, children, n_children, n_next = bvh.boxes, bvh.children, bvh.n_children, 0
     rays, lanes, state = scratch.rays, scratch.lanes, _state(scratch)
     for j in range(n_nodes):
+        ahead = load_unchecked(state[2], load_unchecked(state[0], min(j + AHEAD, n_nodes - 1)))
+        for row in range(6):
+            prefetch(boxes, LEAF * (6 * ahead + row))
+        prefetch(children, LEAF * ahead)
         i = load_unchecked(state[0], j)
         node, enter, leave = load_unchecked(state[2], i), splat(MIN_ENTRY), splat(_row(rays, i, LIMIT))
         for axis in range(3):
@@ -392,6 +396,8 @@ def _find_candidates(bvh, scratch, n_leaves):
         ahead = ~load_unchecked(current, load_unchecked(scratch.at_leaf, min(j + AHEAD, n_leaves - 1)))
         for row in range(9):
             prefetch(corners, LEAF * (9 * ahead + row))
+        prefetch(used, ahead)
+        prefetch(bvh.face_ids, LEAF * ahead)
         i = load_unchecked(scratch.at_leaf, j)
         leaf = ~load_unchecked(current, i)
         mask = _candidates(corners, leaf, rays, i) & load_unchecked(used, leaf)
@@ -405,6 +411,7 @@ def _find_candidates(bvh, scratch, n_leaves):
             face = np.int64(load_unchecked(bvh.face_ids, LEAF * ~load_unchecked(current, i) + first_lane(mask)))
             store_unchecked(asking, n_asked, i)
             store_unchecked(asked, n_asked, face)
+            prefetch(bvh.faces, 3 * face)
             mask &= mask - 1
             n_asked += face != load_unchecked(scratch.own, i)
     return n_asked
