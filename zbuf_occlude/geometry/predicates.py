@@ -47,7 +47,7 @@ def passes(origin, direction, a, b, c):
 
 @always_inline
 def _sides(origin, direction, a, b, c):
-    """Return whether a line surely misses a triangle, whether no edge is in doubt, and whether an edge has the side 1."""
+    """Return whether a line surely misses a triangle, whether no edge is in doubt, and whether an edge is on side 1."""
     u, u_error = filtered_determinant(direction, minus(b, origin), minus(c, b))
     v, v_error = filtered_determinant(direction, minus(c, origin), minus(a, c))
     w, w_error = filtered_determinant(direction, minus(a, origin), minus(b, a))

@@ -374,6 +374,12 @@ def _of_mask(emit: Callable[[Any, Any], Any]) -> Any:
 
 first_lane = _of_mask(lambda builder, mask: builder.cttz(mask, ir.Constant(ir.IntType(1), 1)))
 """Lowest lane of a mask that is not empty."""
+last_lane = _of_mask(
+    lambda builder, mask: builder.sub(
+        ir.Constant(ir.IntType(64), 63), builder.ctlz(mask, ir.Constant(ir.IntType(1), 1))
+    )
+)
+"""Highest lane of a mask that is not empty."""
 count_lanes = _of_mask(lambda builder, mask: builder.ctpop(mask))
 """Number of lanes in a mask."""
 

@@ -26,6 +26,7 @@ from zbuf_occlude.base.jit.simd import (
     dot3,
     first_lane,
     greater,
+    last_lane,
     load,
     load3,
     load_scalar,
@@ -54,6 +55,11 @@ START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
 `START` is the point where it enters the scene's sphere, or its origin if that is inside; `INVERSE` is 1 / direction.
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
+NODE_RAYS = 16
+"""Rays whose boxes are tested before the children of the first are pushed: a distance is read only once its vector has
+reached the cache."""
+ENTRIES = 2 * LEAF
+"""Float32 between the entry distances of two rays; those past the 16 of a node stay -`F32_MAX`."""
 AHEAD = 6
 """Rays between a ray and the one whose node or leaf is fetched meanwhile."""
 PAIRS = 64
@@ -109,14 +115,14 @@ class TraversalScratch(NamedTuple):
     at_node: Int64  # (n + 1,) rays whose next test is a node
     at_leaf: Int64  # (n + 1,) rays whose next test is a leaf
     met: Int64  # (n + 1,) rays at a leaf that may meet one of its faces
-    masks: Int64  # (n + 1,) mask of these faces
+    masks: Int64  # (n + 1,) mask of these faces, or of the children that a ray at a node enters
     asking: Int64  # (16 n,) ray of each candidate pair
     asked: Int64  # (16 n,) face of each candidate pair
     pairs: FloatArray  # (17 x `PAIRS`,) rows `CORNERS` to `ERROR` of pairs of ray and face, world space
     rays: Float32  # (16 n,) rows `START` to `LIMIT`
-    nodes: Int64  # (n room,) stacks of nodes, or ~leaves; of one parent's children the nearest is on top
-    nearest: Float32  # (n room,) lower bounds of their distances; -`F32_MAX` at the bottom
-    lanes: Float32  # (17,) entry distances of a node's children; the last stays -`F32_MAX`
+    nodes: Int64  # (16 + n room,) stacks of nodes, or ~leaves; of one parent's children the nearest is on top
+    nearest: Float32  # (16 + n room,) lower bounds of their distances; -`F32_MAX` at the bottom
+    entries: Float32  # (32 x `NODE_RAYS`,) entry distances of the children of each ray's node
 
 
 def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
@@ -143,9 +149,9 @@ def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
         asked=np.empty(LEAF * n, dtype=np.int64),
         pairs=np.zeros(PAIR_ROWS * PAIRS),
         rays=np.empty(16 * n, dtype=np.float32),
-        nodes=np.empty(n * room, dtype=np.int64),
-        nearest=np.full(n * room, -F32_MAX, dtype=np.float32),
-        lanes=np.full(LEAF + 1, -F32_MAX, dtype=np.float32),
+        nodes=np.empty(LEAF + n * room, dtype=np.int64),
+        nearest=np.full(LEAF + n * room, -F32_MAX, dtype=np.float32),
+        entries=np.full(ENTRIES * NODE_RAYS, -F32_MAX, dtype=np.float32),
     )
 
 
@@ -184,7 +190,11 @@ def _keep_nearer(bvh, scratch, first, n):
     for j in range(n):
         i, candidate = load_unchecked(scratch.asking, first + j), load_unchecked(scratch.asked, first + j)
         found, error = load_unchecked(pairs, FRACTION * PAIRS + j), load_unchecked(pairs, ERROR * PAIRS + j)
-        origin, direction, corners = triple(scratch.origins, i), triple(scratch.directions, i), corners_of_pair(pairs, j)
+        origin, direction, corners = (
+            triple(scratch.origins, i),
+            triple(scratch.directions, i),
+            corners_of_pair(pairs, j),
+        )
         if found != found:
             found, error = ray_triangle_t(origin, direction, *corners)
         face, before, before_error = scratch.faces[i], scratch.fractions[i], scratch.errors[i]
@@ -293,7 +303,7 @@ def _begin(scratch, n):
     """Put the rays that meet the scene's sphere at the root; return their number."""
     n_nodes, room = 0, len(scratch.nodes) // TRAVERSAL_RAYS
     for i in range(n):
-        scratch.faces[i], scratch.current[i], scratch.tops[i], scratch.at_node[n_nodes] = -1, 0, i * room + 1, i
+        scratch.faces[i], scratch.current[i], scratch.tops[i], scratch.at_node[n_nodes] = -1, 0, LEAF + i * room + 1, i
         n_nodes += _set_limit(scratch, i) > ZERO
     return n_nodes
 
@@ -322,38 +332,54 @@ def _state(scratch):
 @device_function
 def _push_children(bvh, scratch, n_nodes, n_leaves):
     """Push the children that each ray at a node enters, and pop the nearest; return the numbers at nodes and leaves."""
-    boxes, children, n_children, n_next = bvh.boxes, bvh.children, bvh.n_children, 0
-    rays, lanes, state = scratch.rays, scratch.lanes, _state(scratch)
-    for j in range(n_nodes):
-        ahead = load_unchecked(state[2], load_unchecked(state[0], min(j + AHEAD, n_nodes - 1)))
-        for row in range(6):
-            prefetch(boxes, LEAF * (6 * ahead + row))
-        prefetch(children, LEAF * ahead)
-        i = load_unchecked(state[0], j)
-        node, enter, leave = load_unchecked(state[2], i), splat(MIN_ENTRY), splat(_row(rays, i, LIMIT))
-        for axis in range(3):
-            inverse = _row(rays, i, INVERSE + axis)
-            near = axis + UPPER * np.int64(inverse < ZERO)
-            near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
-            enter = maximum(enter, muladd(load(boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
-            leave = minimum(leave, muladd(load(boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
-        mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(n_children, node)) - 1)
-        enter = blend(mask, tag_lanes(enter), splat(-F32_MAX))
-        store(lanes, 0, enter)
-        top, rest = load_unchecked(state[3], i), mask
-        for _ in range(UNROLLED_CHILDREN):
-            rest = _push_child(children, LEAF * node, enter, lanes, state, top, rest)
-        while rest:
-            rest = _push_child(children, LEAF * node, enter, lanes, state, top, rest)
-        n_next, n_leaves = _pop(i, top + count_lanes(mask), _row(rays, i, LIMIT), state, n_next, n_leaves)
+    children, rays, entries, masks, state, n_next = (
+        bvh.children, scratch.rays, scratch.entries, scratch.masks, _state(scratch), 0
+    )  # fmt: skip
+    for first in range(0, n_nodes, NODE_RAYS):
+        last = min(first + NODE_RAYS, n_nodes)
+        for j in range(first, last):
+            ahead = load_unchecked(state[2], load_unchecked(state[0], min(j + AHEAD, n_nodes - 1)))
+            for row in range(6):
+                prefetch(bvh.boxes, LEAF * (6 * ahead + row))
+            prefetch(children, LEAF * ahead)
+            i = load_unchecked(state[0], j)
+            mask, enter = _entered(bvh, rays, i, load_unchecked(state[2], i))
+            store_unchecked(masks, j, mask)
+            store(entries, ENTRIES * (j - first), enter)
+        for j in range(first, last):
+            i, mask, at = load_unchecked(state[0], j), load_unchecked(masks, j), ENTRIES * (j - first)
+            node, top, rest, enter = load_unchecked(state[2], i), load_unchecked(state[3], i), mask, load(entries, at)
+            for _ in range(UNROLLED_CHILDREN):
+                rest = _push_child(children, LEAF * node, enter, entries, at, state, top, rest)
+            while rest:
+                rest = _push_child(children, LEAF * node, enter, entries, at, state, top, rest)
+            top += count_lanes(mask) - 1
+            # ends at the bottom at the latest: distances are too small for a limit of -infinity
+            while load_unchecked(state[5], top) > _row(rays, i, LIMIT):
+                top -= 1
+            n_next, n_leaves = _take(i, top, state, n_next, n_leaves)
     return n_next, n_leaves
 
 
 @always_inline
-def _push_child(children, first, enter, lanes, state, top, rest):
+def _entered(bvh, rays, i, node):
+    """Return the mask of the children of a node that a ray enters, and their distances, -`F32_MAX` for the others."""
+    enter, leave = splat(MIN_ENTRY), splat(_row(rays, i, LIMIT))
+    for axis in range(3):
+        inverse = _row(rays, i, INVERSE + axis)
+        near = axis + UPPER * np.int64(inverse < ZERO)
+        near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
+        enter = maximum(enter, muladd(load(bvh.boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
+        leave = minimum(leave, muladd(load(bvh.boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
+    mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(bvh.n_children, node)) - 1)
+    return mask, blend(mask, tag_lanes(enter), splat(-F32_MAX))
+
+
+@always_inline
+def _push_child(children, first, enter, entries, at, state, top, rest):
     """Push the first child of a mask below all nearer ones; return the others. No entry goes past the count."""
     lane = first_lane(rest | (1 << LEAF))
-    nearest = load_scalar(lanes, lane)
+    nearest = load_scalar(entries, at + lane)
     slot = top + count_lanes(greater(enter, splat(nearest)))
     store_unchecked(state[4], slot, load_unchecked(children, first + (lane & (LEAF - 1))))
     store_unchecked(state[5], slot, nearest)
@@ -361,16 +387,14 @@ def _push_child(children, first, enter, lanes, state, top, rest):
 
 
 @always_inline
-def _pop(i, top, limit, state, n_nodes, n_leaves):
-    """Pop the top of a ray's stack within the limit; return the numbers of rays at nodes and at leaves."""
+def _take(i, top, state, n_nodes, n_leaves):
+    """Pop the entry `top` of a ray's stack, unless it is the bottom; return the numbers of rays at nodes and leaves."""
     at_node, at_leaf, current, tops, nodes, nearest = state
-    # ends at the bottom at the latest: distances are too small for a limit of -infinity
-    while load_unchecked(nearest, top - 1) > limit:
-        top -= 1
-    more = np.int64(load_unchecked(nearest, top - 1) > -F32_MAX)
-    node = load_unchecked(nodes, top - more)
+    more = np.int64(load_unchecked(nearest, top) > -F32_MAX)
+    top += 1 - more
+    node = load_unchecked(nodes, top)
     store_unchecked(current, i, node)
-    store_unchecked(tops, i, top - more)
+    store_unchecked(tops, i, top)
     store_unchecked(at_node, n_nodes, i)
     store_unchecked(at_leaf, n_leaves, i)
     leaf = np.int64(node < 0)
@@ -382,8 +406,15 @@ def _pop_after_leaves(scratch, n_nodes, n_leaves):
     """Pop the next entry of each ray at a leaf; return the numbers of rays at nodes and at leaves."""
     state, n_next = _state(scratch), 0
     for j in range(n_leaves):
+        _set_limit(scratch, load_unchecked(state[1], j))
+    for j in range(n_leaves):
         i = load_unchecked(state[1], j)
-        n_nodes, n_next = _pop(i, load_unchecked(state[3], i), _set_limit(scratch, i), state, n_nodes, n_next)
+        top, limit = load_unchecked(state[3], i) - LEAF, splat(_row(scratch.rays, i, LIMIT))
+        within = not_less(limit, load(state[5], top))
+        while within == 0:
+            top -= LEAF
+            within = not_less(limit, load(state[5], top))
+        n_nodes, n_next = _take(i, top + last_lane(within), state, n_nodes, n_next)
     return n_nodes, n_next
 
 
