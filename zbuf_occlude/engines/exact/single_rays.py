@@ -56,10 +56,10 @@ START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
 NODE_RAYS = 16
-"""Rays whose boxes are tested before the children of the first are pushed: a distance is read only once its vector has
-reached the cache."""
+"""Rays whose nodes are tested before children are pushed: reading one distance of a vector that was just stored stalls.
+"""
 ENTRIES = 2 * LEAF
-"""Float32 between the entry distances of two rays; those past the 16 of a node stay -`F32_MAX`."""
+"""Stride of the entry distances of rays; those after the 16 of a node stay -`F32_MAX`."""
 AHEAD = 6
 """Rays between a ray and the one whose node or leaf is fetched meanwhile."""
 PAIRS = 64
@@ -190,12 +190,9 @@ def _keep_nearer(bvh, scratch, first, n):
     for j in range(n):
         i, candidate = load_unchecked(scratch.asking, first + j), load_unchecked(scratch.asked, first + j)
         found, error = load_unchecked(pairs, FRACTION * PAIRS + j), load_unchecked(pairs, ERROR * PAIRS + j)
-        origin, direction, corners = (
-            triple(scratch.origins, i),
-            triple(scratch.directions, i),
-            corners_of_pair(pairs, j),
-        )
-        if found != found:
+        origin, direction = triple(scratch.origins, i), triple(scratch.directions, i)
+        corners = corners_of_pair(pairs, j)
+        if math.isnan(found):
             found, error = ray_triangle_t(origin, direction, *corners)
         face, before, before_error = scratch.faces[i], scratch.fractions[i], scratch.errors[i]
         is_first = found + error < before - before_error
@@ -332,30 +329,30 @@ def _state(scratch):
 @device_function
 def _push_children(bvh, scratch, n_nodes, n_leaves):
     """Push the children that each ray at a node enters, and pop the nearest; return the numbers at nodes and leaves."""
-    children, rays, entries, masks, state, n_next = (
-        bvh.children, scratch.rays, scratch.entries, scratch.masks, _state(scratch), 0
-    )  # fmt: skip
+    children, rays, entries, masks, n_next = bvh.children, scratch.rays, scratch.entries, scratch.masks, 0
+    state = at_node, _, current, tops, _, nearest = _state(scratch)
     for first in range(0, n_nodes, NODE_RAYS):
         last = min(first + NODE_RAYS, n_nodes)
         for j in range(first, last):
-            ahead = load_unchecked(state[2], load_unchecked(state[0], min(j + AHEAD, n_nodes - 1)))
+            ahead = load_unchecked(current, load_unchecked(at_node, min(j + AHEAD, n_nodes - 1)))
             for row in range(6):
                 prefetch(bvh.boxes, LEAF * (6 * ahead + row))
             prefetch(children, LEAF * ahead)
-            i = load_unchecked(state[0], j)
-            mask, enter = _entered(bvh, rays, i, load_unchecked(state[2], i))
+            i = load_unchecked(at_node, j)
+            mask, enter = _entered(bvh, rays, i, load_unchecked(current, i))
             store_unchecked(masks, j, mask)
             store(entries, ENTRIES * (j - first), enter)
         for j in range(first, last):
-            i, mask, at = load_unchecked(state[0], j), load_unchecked(masks, j), ENTRIES * (j - first)
-            node, top, rest, enter = load_unchecked(state[2], i), load_unchecked(state[3], i), mask, load(entries, at)
+            i, mask, at = load_unchecked(at_node, j), load_unchecked(masks, j), ENTRIES * (j - first)
+            first_child, top = LEAF * load_unchecked(current, i), load_unchecked(tops, i)
+            enter, rest = load(entries, at), mask
             for _ in range(UNROLLED_CHILDREN):
-                rest = _push_child(children, LEAF * node, enter, entries, at, state, top, rest)
+                rest = _push_child(children, first_child, enter, entries, at, state, top, rest)
             while rest:
-                rest = _push_child(children, LEAF * node, enter, entries, at, state, top, rest)
+                rest = _push_child(children, first_child, enter, entries, at, state, top, rest)
             top += count_lanes(mask) - 1
             # ends at the bottom at the latest: distances are too small for a limit of -infinity
-            while load_unchecked(state[5], top) > _row(rays, i, LIMIT):
+            while load_unchecked(nearest, top) > _row(rays, i, LIMIT):
                 top -= 1
             n_next, n_leaves = _take(i, top, state, n_next, n_leaves)
     return n_next, n_leaves
@@ -376,19 +373,19 @@ def _entered(bvh, rays, i, node):
 
 
 @always_inline
-def _push_child(children, first, enter, entries, at, state, top, rest):
+def _push_child(children, first_child, enter, entries, at, state, top, rest):
     """Push the first child of a mask below all nearer ones; return the others. No entry goes past the count."""
     lane = first_lane(rest | (1 << LEAF))
     nearest = load_scalar(entries, at + lane)
     slot = top + count_lanes(greater(enter, splat(nearest)))
-    store_unchecked(state[4], slot, load_unchecked(children, first + (lane & (LEAF - 1))))
+    store_unchecked(state[4], slot, load_unchecked(children, first_child + (lane & (LEAF - 1))))
     store_unchecked(state[5], slot, nearest)
     return rest & (rest - 1)
 
 
 @always_inline
 def _take(i, top, state, n_nodes, n_leaves):
-    """Pop the entry `top` of a ray's stack, unless it is the bottom; return the numbers of rays at nodes and leaves."""
+    """Pop an entry of a ray's stack, unless it is the bottom; return the numbers of rays at nodes and at leaves."""
     at_node, at_leaf, current, tops, nodes, nearest = state
     more = np.int64(load_unchecked(nearest, top) > -F32_MAX)
     top += 1 - more
@@ -404,16 +401,17 @@ def _take(i, top, state, n_nodes, n_leaves):
 @device_function
 def _pop_after_leaves(scratch, n_nodes, n_leaves):
     """Pop the next entry of each ray at a leaf; return the numbers of rays at nodes and at leaves."""
-    state, n_next = _state(scratch), 0
+    n_next = 0
+    state = _, at_leaf, _, tops, _, nearest = _state(scratch)
     for j in range(n_leaves):
-        _set_limit(scratch, load_unchecked(state[1], j))
+        _set_limit(scratch, load_unchecked(at_leaf, j))
     for j in range(n_leaves):
-        i = load_unchecked(state[1], j)
-        top, limit = load_unchecked(state[3], i) - LEAF, splat(_row(scratch.rays, i, LIMIT))
-        within = not_less(limit, load(state[5], top))
-        while within == 0:
+        i = load_unchecked(at_leaf, j)
+        limit, top = splat(_row(scratch.rays, i, LIMIT)), load_unchecked(tops, i) - LEAF
+        within = not_less(limit, load(nearest, top))
+        while within == 0:  # all 16 entries are too far
             top -= LEAF
-            within = not_less(limit, load(state[5], top))
+            within = not_less(limit, load(nearest, top))
         n_nodes, n_next = _take(i, top + last_lane(within), state, n_nodes, n_next)
     return n_nodes, n_next
 
