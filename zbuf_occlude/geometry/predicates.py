@@ -205,7 +205,7 @@ def ray_triangle_t(origin, direction, a, b, c):
 
 @njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True)
 def filtered_hit(origin, direction, a, b, c):
-    """Return `ray_triangle_t` without branches; the distance is not a number if float64 cannot decide."""
+    """Return `ray_triangle_t` without branches; not a number where float64 cannot decide, any error for a miss."""
     misses, is_sure, _ = _sides(origin, direction, a, b, c)
     ab, ac = minus(b, a), minus(c, a)
     height, height_error = filtered_determinant(minus(a, origin), ab, ac)

@@ -33,6 +33,43 @@ def test_far_origins() -> None:
         assert distance > 1e12 or (truth.face_ids[8:] >= 0).mean() > 0.9
 
 
+@pytest.mark.parametrize(
+    ("distance", "angle", "gaps", "is_one_origin"),
+    [(9e4, 1e-8, (-8, -6), True), (1e8, 1e-7, (-5, -3), False), (1e9, 1e-6, (-5, -3), False)],
+)
+def test_a_wall_just_before_a_plate_that_a_far_ray_grazes(
+    distance: float, angle: float, gaps: tuple[float, float], is_one_origin: bool
+) -> None:
+    """The distance of the plate errs by more than float32's margins; the wall must be searched all the same."""
+    rng, n_wrong = np.random.default_rng(0), 0
+    for _ in range(60):
+        mesh, origin, direction = grazed_plate(distance, angle, 10.0 ** rng.uniform(*gaps), rng)
+        origins = origin[None] if is_one_origin else origin + 1e-9 * rng.normal(size=(16, 3))
+        directions = direction * rng.uniform(0.5, 2.0, (16, 1))
+        truth = prepare_oracle(mesh).first_hits(origins, directions)
+        with zo.prepare(mesh, "exact") as occluder:
+            n_wrong += int((occluder.first_hits(origins, directions).face_ids != truth.face_ids).sum())
+    assert n_wrong == 0
+
+
+def grazed_plate(
+    distance: float, angle: float, gap: float, rng: np.random.Generator
+) -> tuple[zo.Mesh, np.ndarray, np.ndarray]:
+    """Return a plate, a wall before a point of it, 15 more behind each, and a ray that grazes the plate there."""
+    plate = np.array([[-1, -1, 0], [0.6, -1, 0], [0.6, 1, 0]]) + 0.01 * rng.normal(size=(3, 3))
+    normal = np.cross(plate[1] - plate[0], plate[2] - plate[0])
+    normal /= np.linalg.norm(normal)
+    direction = np.array([1.0, 0.0, 0.0]) - normal * normal[0]
+    direction /= np.linalg.norm(direction)
+    direction -= normal * angle * rng.uniform(0.5, 2)
+    direction /= np.linalg.norm(direction)
+    point = np.array([0.06, 0.47, 0.47]) @ plate
+    wall = 0.4 * np.array([[0, -1, -1], [0, 1, -1], [0, 0, 1.2]]) + point - gap * direction
+    steps = np.arange(16)[:, None, None]
+    corners = np.concatenate([plate - normal * 0.1 * steps / 16, wall + np.array([0.01, 0, 0]) * steps])
+    return zo.Mesh(corners.reshape(-1, 3), np.arange(96).reshape(-1, 3)), point - distance * direction, direction
+
+
 @pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12])
 def test_slivers(width: float) -> None:
     """Rays of many origins through needles that float32 hardly tells from lines, and just past them."""

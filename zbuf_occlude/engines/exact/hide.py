@@ -238,7 +238,7 @@ def find_hidden(bvh, scratch, n):
     """Find a face, other than the point's own, that blocks each of n lines of sight; -1 in ``scratch.faces``: none."""
     for i in range(n):
         away = minus(triple(scratch.points, i), triple(scratch.origins, i))
-        scratch.fractions[i] = 1.0
+        scratch.fractions[i], scratch.errors[i] = 1.0, 0.0
         if away == (0.0, 0.0, 0.0):  # the eye is at the point: nothing is between
             away, scratch.fractions[i] = (1.0, 0.0, 0.0), -1.0
         for axis in range(3):

@@ -283,10 +283,13 @@ def _decide(bvh, frame, rays, candidate, lane, state):
         ):
             return False
     state.face_ids[lane] = candidate
-    w = found * dot(frame.axis, direction) * bvh.scale
-    g = -1.0 / w if frame.inside else (1.0 - 1.0 / w) / frame.inverse_away
-    state.lows[lane] = np.float32(g) - ROUNDED * (ONE + np.float32(abs(g)))
-    state.highs[lane] = np.float32(g) + ROUNDED * (ONE + np.float32(abs(g)))
+    along = dot(frame.axis, direction) * bvh.scale
+    w, w_error = found * along, error * abs(along)
+    g, g_error = -1.0 / w, 1.01 * w_error / (w * w)
+    if not frame.inside:
+        g, g_error = (1.0 + g) / frame.inverse_away, g_error / frame.inverse_away
+    margin = ROUNDED * (ONE + np.float32(abs(g))) + np.float32(g_error)
+    state.lows[lane], state.highs[lane] = np.float32(g) - margin, np.float32(g) + margin
     return True
 
 

@@ -198,7 +198,7 @@ def _keep_nearer(bvh, scratch, first, n):
         is_first = found + error < before - before_error
         if not is_first and found - error <= before + before_error and found < np.inf:
             hit, hit_before = (candidate, found, error), (face, before, before_error)
-            is_first = is_nearer(origin, direction, *hit, *hit_before, corners, corners_of(bvh, face))
+            is_first = is_nearer(origin, direction, *hit, *hit_before, corners, corners_of(bvh, max(face, 0)))
         if is_first:
             scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
 
@@ -309,7 +309,8 @@ def _begin(scratch, n):
 def _set_limit(scratch, i):
     """Write the length of a ray still to be searched, scene units, rounded up; NaN for a ray that misses the sphere."""
     more = 2.0 * FAR_ERROR * scratch.skipped[i]
-    distance = min(scratch.fractions[i] * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
+    fraction = scratch.fractions[i] + scratch.errors[i]
+    distance = min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
     limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
     store_unchecked(scratch.rays, LIMIT * TRAVERSAL_RAYS + i, limit)
     return limit
