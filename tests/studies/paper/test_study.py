@@ -402,7 +402,7 @@ def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> Non
     for number in (1, 2):
         (tmp_path / "meshes" / "bed" / "train" / f"bed_000{number}.off").write_text(whole)
     with pytest.raises(MeshError, match=r"No mesh of class car can be used.*car_0001\.off.*'noth"):
-        Two(TINY, tmp_path / "one").make_datasets(lambda n: None)
+        Two(TINY, tmp_path / "one").make_datasets(experiments_module.MakeOptions(lambda n: None))
     (tmp_path / "meshes" / "car" / "train" / "car_0002.off").write_text(whole)
-    failures = Two(TINY, tmp_path / "other").make_datasets(lambda n: None)
+    failures = Two(TINY, tmp_path / "other").make_datasets(experiments_module.MakeOptions(lambda n: None))
     assert [key.split("/")[-1] for key in failures] == ["car_0001.off"]

@@ -157,6 +157,14 @@ def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshC
 # ---- base class -----------------------------------------------------------------------------
 
 
+class MakeOptions(NamedTuple):
+    """Progress, processes and time of making the datasets of an experiment."""
+
+    progress: Callable[[int], None]  # called with numbers of new clouds
+    n_workers: int = 1  # processes that make a dataset
+    check_time: Callable[[], None] = lambda: None  # called after each new shard; raises where the time is up
+
+
 class Experiment(ABC):
     """Experiment of a study: datasets in its folder, and the trials on them."""
 
@@ -180,37 +188,32 @@ class Experiment(ABC):
         """Maximum number of clouds that `make_datasets` makes."""
         return sum(plan.n_clouds for plan in self.plans().values())
 
-    def make_datasets(
-        self, progress: Callable[[int], None], n_workers: int = 1, check_time: Callable[[], None] = lambda: None
-    ) -> dict[str, str]:
+    def make_datasets(self, options: MakeOptions) -> dict[str, str]:
         """Make or resume the datasets that are not finished; return the failed meshes with their errors.
 
-        `progress` is called with numbers of new clouds. `n_workers` processes make a dataset. `check_time` is called
-        after each new shard, and raises where the time is up. Raises DatasetError where a folder holds a dataset of
-        another plan; MeshError where no mesh of a class can be used; GlError where OpenGL is missing.
+        Raises DatasetError where a folder holds a dataset of another plan; MeshError where no mesh of a class can be
+        used; GlError where OpenGL is missing; and what ``options.check_time`` raises.
         """
         failures: dict[str, str] = {}
         for name, plan in self.plans().items():
-            failures |= self._make_dataset(name, plan, progress, n_workers, check_time)
+            failures |= self._make_dataset(name, plan, options)
         return failures
 
-    def _make_dataset(
-        self, name: str, plan: Plan, progress: Callable[[int], None], n_workers: int, check_time: Callable[[], None]
-    ) -> dict[str, str]:
+    def _make_dataset(self, name: str, plan: Plan, options: MakeOptions) -> dict[str, str]:
         folder = self.dataset_folder(name)
         folder.parent.mkdir(parents=True, exist_ok=True)
         run: Run = run_here  # without OpenGL it raises a GlError, workers do not
-        if n_workers > 1 and not find_method(plan.config.method).needs_gl:
-            run = partial(run_local, n_workers=n_workers, limits=Limits())
+        if options.n_workers > 1 and not find_method(plan.config.method).needs_gl:
+            run = partial(run_local, n_workers=options.n_workers, limits=Limits())
 
         def run_in_time(task: Task, jobs: list[Any], done: Done) -> None:
             def done_in_time(job: Any, result: Any) -> None:
                 done(job, result)
-                check_time()
+                options.check_time()
 
             run(task, jobs, done_in_time)
 
-        failures: dict[str, str] = generate(plan, folder, run=run_in_time, progress=progress)["failures"]
+        failures: dict[str, str] = generate(plan, folder, run=run_in_time, progress=options.progress)["failures"]
         used = {entry.label for entry in plan.meshes if entry.key not in failures}
         for entry in plan.meshes:
             if entry.label not in used:
@@ -275,11 +278,9 @@ class Elevation(Experiment):
         )
         return {ELEVATION: Plan(self.meshes, config, "packed", _at_most(paper100(), size.azimuths))}
 
-    def make_datasets(
-        self, progress: Callable[[int], None], n_workers: int = 1, check_time: Callable[[], None] = lambda: None
-    ) -> dict[str, str]:
+    def make_datasets(self, options: MakeOptions) -> dict[str, str]:
         """Make the dataset, and measure the visible areas of some objects (Fig. 12)."""
-        failures = super().make_datasets(progress, n_workers, check_time)
+        failures = super().make_datasets(options)
         if not (self.folder / AREAS).exists():
             usable = [entry for entry in self.meshes if entry.key not in failures]
             levels, shares = visible_areas(usable[:AREA_OBJECTS])
@@ -420,17 +421,15 @@ class Augmentation(Experiment):
         """Return the plans of the complete clouds, and of the occluded ones by each method."""
         return {ORIGINAL: plan_of_originals(self.plan_of(MAIN)), **{m.label: self.plan_of(m) for m in METHODS}}
 
-    def _make_dataset(
-        self, name: str, plan: Plan, progress: Callable[[int], None], n_workers: int, check_time: Callable[[], None]
-    ) -> dict[str, str]:
+    def _make_dataset(self, name: str, plan: Plan, options: MakeOptions) -> dict[str, str]:
         """Make a dataset; a method that cannot run here is left out."""
         try:
-            return super()._make_dataset(name, plan, progress, n_workers, check_time)
+            return super()._make_dataset(name, plan, options)
         except (GlError, UnavailableError) as error:
             if name == ORIGINAL:
                 raise
             self.missing[name] = str(error)
-            progress(plan.n_clouds)  # the progress bar must reach its end
+            options.progress(plan.n_clouds)  # the progress bar must reach its end
             return {}
 
     def notes(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ from zbuf_occlude.studies.paper.design import (
     SIMULATED,
     Size,
 )
-from zbuf_occlude.studies.paper.experiments import ELEVATIONS, Experiment, epochs_for, first_of_each
+from zbuf_occlude.studies.paper.experiments import ELEVATIONS, Experiment, MakeOptions, epochs_for, first_of_each
 from zbuf_occlude.studies.paper.results import REAL_PICTURE, Trial
 
 SENSOR = "hdl-64e"
@@ -122,12 +122,10 @@ class RealObjects(Experiment):
         }
         return {f"{REAL}-{name}": Plan(self.meshes, config) for name, config in configs.items()}
 
-    def make_datasets(
-        self, progress: Callable[[int], None], n_workers: int = 1, check_time: Callable[[], None] = lambda: None
-    ) -> dict[str, str]:
+    def make_datasets(self, options: MakeOptions) -> dict[str, str]:
         """Make the datasets, the crops of the real objects, and the picture of both; as `Experiment.make_datasets`."""
         failures = self._crop()  # first: hours of work follow
-        failures |= super().make_datasets(progress, n_workers, check_time)
+        failures |= super().make_datasets(options)
         picture = picture_of_objects(self.tested(), self.simulated("test"))
         atomic.write(self.folder / REAL_PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
         return failures

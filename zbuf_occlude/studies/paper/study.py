@@ -32,6 +32,7 @@ from zbuf_occlude.studies.paper.experiments import (
     Augmentation,
     Elevation,
     Experiment,
+    MakeOptions,
     Realism,
     as_voxels,
     find_objects,
@@ -141,11 +142,11 @@ def run_study(
         _note_scans(folder, study, *turned)
     trials = [trial for experiment in chosen for trial in experiment.trials()]
     progress.set_totals(sum(experiment.max_clouds for experiment in chosen), len(trials))
-    n_now = 0
+    n_workers, n_now = n_cores() if workers is None else workers, 0
+    options = MakeOptions(progress.add_clouds, n_workers, partial(_check_time, until))
     with suppress(TimeUp):
         for experiment in chosen:
-            n_workers, check_time = n_cores() if workers is None else workers, partial(_check_time, until)
-            study["failed_meshes"] |= experiment.make_datasets(progress.add_clouds, n_workers, check_time)
+            study["failed_meshes"] |= experiment.make_datasets(options)
             study |= experiment.notes()
             atomic.write_json(folder / STUDY, study)
         trials = [trial for experiment in chosen for trial in experiment.trials()]  # of the methods that can run here
