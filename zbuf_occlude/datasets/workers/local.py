@@ -11,6 +11,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from multiprocessing import connection, forkserver, resource_tracker
@@ -36,6 +37,8 @@ THREADS = "OPENBLAS_NUM_THREADS"
 """Variable of the environment with the number of threads that NumPy starts when it is imported."""
 SERVERS = 3
 """Number of fork servers in a row that may end before they have started a worker."""
+PAUSE = 0.25
+"""Seconds after which another is started: one that was killed refuses work shortly before it counts as ended."""
 
 LONGEST_TEMPORARY_FOLDER = 70
 """Maximum bytes of the name of the temporary folder, in which processes have their addresses."""
@@ -101,6 +104,7 @@ class LocalWorker:
                         f"the process that workers are forked from must live; {SERVERS} in a row ended. Their "
                         "messages, if any, are above. Is there memory enough, and can `import numba` succeed?"
                     ) from None
+                time.sleep(PAUSE)
         theirs.close()
 
     def assign(self, job: Any, lost: dict[int, str]) -> None:
