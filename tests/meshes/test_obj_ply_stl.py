@@ -173,7 +173,7 @@ def test_lines_in_a_header_of_ply_that_are_no_part_of_it_are_skipped(
     plain.write_bytes(ply(encoding, PLY_POLYGONS))
     odd.write_bytes(plain.read_bytes().replace(b"element vertex", f"{line}\n{line}\nelement vertex".encode()))
     expected = load_mesh(plain)
-    assert not caplog.records
+    assert not [record for record in caplog.records if record.name.startswith("zbuf_occlude.meshes")]
     mesh = load_mesh(odd)
     assert mesh.vertices.tolist() == expected.vertices.tolist()
     assert mesh.faces.tolist() == expected.faces.tolist()
