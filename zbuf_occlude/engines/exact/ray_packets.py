@@ -285,7 +285,7 @@ def _decide(bvh, frame, rays, candidate, lane, state):
     state.face_ids[lane] = candidate
     along = dot(frame.axis, direction) * bvh.scale
     w, w_error = found * along, error * abs(along)
-    g, g_error = -1.0 / w, 1.01 * w_error / (w * w)
+    g, g_error = -1.0 / w, 1.01 * w_error / (w * w)  # the derivative of -1 / w, with room for the next order
     if not frame.inside:
         g, g_error = (1.0 + g) / frame.inverse_away, g_error / frame.inverse_away
     margin = ROUNDED * (ONE + np.float32(abs(g))) + np.float32(g_error)

@@ -56,8 +56,7 @@ START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
 NODE_RAYS = 16
-"""Rays whose nodes are tested before children are pushed: reading one distance of a vector that was just stored stalls.
-"""
+"""Rays whose nodes are tested before their children are pushed: a read of part of a vector just stored would stall."""
 ENTRIES = 2 * LEAF
 """Stride of the entry distances of rays; those after the 16 of a node stay -`F32_MAX`."""
 AHEAD = 6
@@ -307,7 +306,10 @@ def _begin(scratch, n):
 
 @always_inline
 def _set_limit(scratch, i):
-    """Write the length of a ray still to be searched, scene units, rounded up; NaN for a ray that misses the sphere."""
+    """Write the length of a ray still to be searched, scene units, rounded up; NaN for a ray that misses the sphere.
+
+    The nearest hit may be farther by its error, which exceeds all margins where a far ray grazes a face.
+    """
     more = 2.0 * FAR_ERROR * scratch.skipped[i]
     fraction = scratch.fractions[i] + scratch.errors[i]
     distance = min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
