@@ -193,12 +193,9 @@ def _keep_nearer(bvh, scratch, first, n):
         corners = corners_of_pair(pairs, j)
         if math.isnan(found):
             found, error = ray_triangle_t(origin, direction, *corners)
-        face, before, before_error = scratch.faces[i], scratch.fractions[i], scratch.errors[i]
-        is_first = found + error < before - before_error
-        if not is_first and found - error <= before + before_error and found < np.inf:
-            hit, hit_before = (candidate, found, error), (face, before, before_error)
-            is_first = is_nearer(origin, direction, *hit, *hit_before, corners, corners_of(bvh, max(face, 0)))
-        if is_first:
+        face, before = scratch.faces[i], (scratch.fractions[i], scratch.errors[i])
+        other_corners = corners_of(bvh, max(face, 0))
+        if is_nearer(origin, direction, candidate, found, error, face, *before, corners, other_corners):
             scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
 
 
