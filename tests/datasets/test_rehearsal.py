@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from tests.processes import python
+
 JOB = """
 import gc, sys, tempfile
 from contextlib import nullcontext
@@ -57,3 +59,24 @@ def test_a_job_calls_no_function_that_was_not_compiled_ahead(method: str, scene:
     )
     assert child.returncode == 0, child.stderr
     assert child.stdout.split("\n")[:2] == [kind, "[]"]
+
+
+SHARED = """
+from zbuf_occlude.datasets import records
+from zbuf_occlude.datasets.plan import DatasetConfig
+from zbuf_occlude.datasets.rehearsal import warm_up_jit
+from zbuf_occlude.meshes import sampling
+from zbuf_occlude.visibility.methods import oracle
+
+kernels = records._draw, records._place, oracle._look, sampling._count, sampling._place, sampling._fill_faces
+for each in (records.DRAWING, oracle.ORACLE, sampling.SAMPLING):
+    each.function()
+ahead = [set(kernel.signatures) for kernel in kernels]
+warm_up_jit(DatasetConfig("exact", views="ring:2@0"))
+print(all(ahead), [set(kernel.signatures) for kernel in kernels] == ahead)
+"""
+
+
+def test_the_second_process_compiles_for_the_arguments_of_a_job() -> None:
+    child = python("-c", SHARED)
+    assert child.stdout.split() == ["True", "True"], child.stderr

@@ -50,7 +50,14 @@ from zbuf_occlude.datasets.formats import FORMATS, find_format
 from zbuf_occlude.datasets.generate import generate, progress_of
 from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
 from zbuf_occlude.datasets.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.datasets.rehearsal import is_warm, n_functions, needs_no_check, smoke_test, warm_up_jit
+from zbuf_occlude.datasets.rehearsal import (
+    is_warm,
+    n_functions,
+    needs_no_check,
+    precompile_job,
+    smoke_test,
+    warm_up_jit,
+)
 from zbuf_occlude.datasets.workers import Done, Run, Task
 from zbuf_occlude.datasets.workers.local import start_server
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -280,9 +287,6 @@ def generate_command(
     echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
     for remark in missing_splits(collection, options["split"], context.params["splits"]):
         echo(remark, err=True)
-    if context.params["engine"] == "local" and not dry_run:
-        start_server()  # it imports while the first meshes are looked at
-    warn_of_lying(collection, up)
     if scan is not None:
         check_sizes(scan, collection)
     made = DatasetConfig(
@@ -305,6 +309,14 @@ def generate_command(
         raise GlError(
             f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
         )
+    is_cold = not dry_run and not is_warm(plan.config)
+    if is_cold:
+        announce()
+        COMPILING.total = n_functions(plan.config)
+        precompile_job(plan.config)
+    if context.params["engine"] == "local" and not dry_run:
+        start_server()  # it imports while the first meshes are looked at
+    warn_of_lying(collection, up)
     plans = [(plan, out)]
     if wanted is not None and wanted.original and not complete:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
@@ -313,9 +325,7 @@ def generate_command(
         return
     if not needs_no_check(plan.config):
         smoke_test(plan.config, require_gpu)
-    if not is_warm(plan.config):
-        announce()
-        COMPILING.total = n_functions(plan.config)
+    if is_cold:
         warm_up_jit(plan.config)
     share = share_of(shard)
     failed = [make_dataset(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.datasets.plan import BOXES, DatasetConfig
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.sensors.boxes import BOX, HEIGHT, WIDTH
 from zbuf_occlude.sensors.returns import SCAN_COLUMNS
-from zbuf_occlude.views import Views
+from zbuf_occlude.views import Views, from_angles
 
 Records = NDArray[Any]
 Fields = dict[str, tuple[str, tuple[int, ...]]]
@@ -319,6 +320,12 @@ def draw_visible(mask: BoolArray, size: int, seed: np.uint64, view: int) -> tupl
     return chosen[:n_visible] if size == ALL else chosen, n_visible
 
 
+def _compile() -> None:
+    """Compile what draws and places the points of a cloud, by a cloud of one point."""
+    point, seen = SurfacePoints.free(np.zeros((1, 3))), np.ones((1, 1), dtype=bool)
+    gather_clouds(point, seen, from_angles(0.0, 0.0), DatasetConfig(), "", 0)
+
+
 @njit(cache=True, nogil=True)
 def _draw(mask: Any, whole: Any, seed: Any, view: Any, visible: Any, chosen: Any) -> Any:
     """List what is visible, and shuffle the first places, as many as are chosen; return how many are visible.
@@ -424,3 +431,7 @@ def _below(state: Any, n: Any) -> Any:
             state += np.uint64(0x9E3779B97F4A7C15)
             product = (_mixed(state) >> np.uint64(32)) * n
     return state, np.int64(product >> np.uint64(32))
+
+
+DRAWING = Compilation(_draw, _compile)
+"""Compilation of what draws the points of clouds."""

@@ -16,19 +16,19 @@ from zbuf_occlude.base.jit import compiler
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.plan import BOXES, DatasetConfig, Plan
-from zbuf_occlude.datasets.records import record_type
+from zbuf_occlude.datasets.records import DRAWING, record_type
 from zbuf_occlude.datasets.shard import make_mesh, make_shard, new_store
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.load import load_mesh
-from zbuf_occlude.meshes.sampling import sample_surface
+from zbuf_occlude.meshes.sampling import SAMPLING, sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.visibility import find_method, precompile, prepare
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
-N_FUNCTIONS = {"depth_buffer": 86, "exact": 112, "exact-scans": 232}
+N_FUNCTIONS = {"depth_buffer": 67, "exact": 83, "exact-scans": 163}
 """Approximate number of functions that `warm_up_jit` compiles for each kind of job where a second process helps."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
@@ -78,10 +78,24 @@ def n_functions(config: DatasetConfig) -> int | None:
     return N_FUNCTIONS.get(_kind(config))
 
 
+def precompile_job(config: DatasetConfig) -> None:
+    """Start to compile, in a second process, the functions that a job of this kind calls last.
+
+    They are so many that both processes have compiled all at about the same time.
+    """
+    if config.complete:
+        return
+    if config.scan is not None:
+        precompile(config.method, "rays", "points")
+    else:
+        from zbuf_occlude.visibility.methods.oracle import ORACLE  # late: it imports numba
+
+        precompile(config.method, DRAWING, ORACLE, SAMPLING, "points")
+
+
 def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
-    if not config.complete:
-        precompile(config.method, *(["points"] if config.scan is None else ["points", "rays"]))
+    precompile_job(config)
     small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if config.scan is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}

@@ -21,8 +21,10 @@ from zbuf_occlude.base.arrays import (
 )
 from zbuf_occlude.base.errors import ArgumentError, shown
 from zbuf_occlude.base.jit.compiler import njit
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.base.provenance import generator
 from zbuf_occlude.geometry.colors import Bytes, barycentric
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
@@ -279,6 +281,11 @@ def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArra
     return np.lexsort((bits[:, 0] | bits[:, 1] << 1 | bits[:, 2] << 2, points.face_ids))
 
 
+def _compile() -> None:
+    """Compile what samples a surface, by a point on a triangle."""
+    sample_surface(Mesh(np.eye(3), np.array([[0, 1, 2]])), n_points=1)
+
+
 @njit(cache=True, nogil=True)
 def _count(draws, edges, guide, counts):
     """Count the draws, in [0, 1) of the last edge, between each face's edge and the one before."""
@@ -325,3 +332,7 @@ def _fill_faces(face_normals, counts, face_ids, normals):
         for i in range(begin, end):
             face_ids[i] = face
             normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
+
+
+SAMPLING = Compilation(_fill_faces, _compile)
+"""Compilation of what samples a surface."""

@@ -5,6 +5,7 @@ from inspect import signature
 from typing import Any
 
 from zbuf_occlude.base.errors import ArgumentError, OptionError, did_you_mean, find_row
+from zbuf_occlude.base.precompiler import PRECOMPILER, Compilation
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.meshes.sampling import SurfacePoints
@@ -133,20 +134,21 @@ def check_keywords(function: Callable[..., Any], method: str, options: dict[str,
             )
 
 
-def precompile(method: str, *questions: str) -> None:
-    """Start a second process that compiles for questions "points", "rays" (of one origin) or "scattered rays".
+def precompile(method: str, *wanted: str | Compilation) -> None:
+    """Start a second process that compiles what this process needs last; this one compiles the rest meanwhile.
 
-    The last question of this process comes first. Where all was compiled before, there is no second process. This one
-    compiles the rest meanwhile. Other methods than `exact` have little to compile.
+    `wanted` are questions of `exact`, "points", "rays" (of one origin) or "scattered rays", and further compilations.
+    What is needed last comes first. Where all was compiled before, there is no second process. Other methods than
+    `exact` have little to compile.
     """
     if method == "exact":
         from zbuf_occlude.engines.exact.bvh import BUILDING  # late: these import numba
-        from zbuf_occlude.engines.exact.precompiler import PRECOMPILER
         from zbuf_occlude.engines.exact.rays import RAYS, SCATTERED_RAYS
         from zbuf_occlude.engines.exact.search import SEARCH
 
-        compilations = {"points": SEARCH, "rays": RAYS, "scattered rays": SCATTERED_RAYS}
-        PRECOMPILER.launch(*(compilations[question] for question in questions), BUILDING)
+        of_question = {"points": SEARCH, "rays": RAYS, "scattered rays": SCATTERED_RAYS}
+        wanted = *(of_question[each] if isinstance(each, str) else each for each in wanted), BUILDING
+    PRECOMPILER.launch(*(each for each in wanted if isinstance(each, Compilation)))
 
 
 def prepare(

@@ -238,6 +238,26 @@ def test_a_thread_calls_functions_while_another_imports_external_ones(package: P
     assert run(program, cwd=package.parent, NUMBA_CACHE_DIR="").split() == ["1", "2.0"]
 
 
+def test_external_functions_that_call_each_other_are_read_from_the_cache(package: Path) -> None:
+    (package / "externals.py").write_text(
+        "from package.base.jit.compiler import external, njit\n"
+        "@external('float64(float64)')\ndef inner(x):\n    return x + 1.0\n"
+        "@njit()\ndef between(x):\n    return inner(x)\n"
+        "@external('float64(float64)')\ndef outer(x):\n    return between(x) * 2.0\n"
+        "@external('float64(float64)')\ndef unused(x):\n    return x\n"
+        "@njit(cache=True)\ndef inner_first(x):\n    return inner(x) + outer(x)\n"
+        "@njit(cache=True)\ndef outer_first(x):\n    return outer(x) - inner(x)\n"
+    )
+    program = (
+        "from package.externals import inner_first, outer_first, unused\n"
+        "print(inner_first(1.0), outer_first(1.0), '_numba_type_' in vars(unused),\n"
+        "      sum(outer_first.stats.cache_hits.values()))"
+    )
+    for n_read in (0, 1):
+        found = run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
+        assert found == f"6.0 2.0 False {n_read}"
+
+
 def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path) -> None:
     """One defines an external function, while another declares a function that is cached."""
     (package / "externals.py").write_text(EXTERNALS.replace("more(x)", "x + 1.0", 1))
@@ -262,8 +282,8 @@ def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path)
         "from package.base.caller import ask\n"
         "other = threading.Thread(target=ask)\n"
         "other.start(), declaring.wait(60)\n"
-        "from package.externals import call, outer\n"
-        "compiler._define_externals()\n"
+        "from package.externals import call\n"
+        "call._declared()\n"
         "defined.set(), other.join()\n"
         "print(numba.config.CACHE_DIR == before, call(1.0))\n"
     )

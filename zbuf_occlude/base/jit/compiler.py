@@ -57,7 +57,7 @@ class Kernel:
             import numba  # late: it takes 0.3 s
 
             _listen()
-            _define_externals()
+            _define_externals(self._function)
             folder = cache_folder() if self._options.get("cache") else None
             with _lock, _caching_in(folder):
                 options = {**self._options, "cache": folder is not None}
@@ -108,7 +108,6 @@ class External:
     def __init__(self, function: Callable[..., Any], signature: str) -> None:
         update_wrapper(self, function)  # type: ignore[arg-type]  # it cannot be called in Python
         self._function, self._signature = function, signature
-        _undefined.append(self)
 
     @cached_property
     def _numba_type_(self) -> Any:
@@ -118,6 +117,7 @@ class External:
 
         symbol, address = f"{self._function.__module__}.{self._function.__name__}", _NOWHERE
         if not _only_compiles:
+            _define_externals(self._function)
             folder, self._compiled = cache_folder(), None
             with suppress(OSError), _compiling(self._function), _lock, _caching_in(folder):
                 self._compiled = numba.cfunc(self._signature, cache=folder is not None)(self._function)
@@ -134,8 +134,6 @@ def external(signature: str) -> Callable[[Callable[..., Any]], Any]:
     return lambda function: External(function, signature)
 
 
-_undefined: list[External] = []
-_is_defining = False
 _only_compiles = False
 _NOWHERE = 1
 """Address of external functions in a process that calls none."""
@@ -147,35 +145,32 @@ def leave_out_externals() -> None:
     _only_compiles = True
 
 
-def _define_externals() -> None:
-    """Define the external functions of all modules imported so far.
-
-    Compiled code in the cache does not say which of them it calls.
-    """
-    global _is_defining
-    if not _undefined:
+def _define_externals(function: Callable[..., Any]) -> None:
+    """Define the external functions that a function calls: compiled code in the cache does not say which they are."""
+    if not (called := _externals_of(function)):
         return
     from numba.core.compiler_lock import global_compiler_lock  # late: it takes 0.3 s
 
     with global_compiler_lock:  # other threads wait here until the symbols are there
-        if _is_defining:  # this thread compiles one, which asks for those that it calls
-            return
-        _is_defining = True
-        try:
-            for each in list(_undefined):  # a function calls only those declared before it
-                if not _is_being_imported(each.__module__):
-                    _ = each._numba_type_
-                    _undefined.remove(each)
-        finally:
-            _is_defining = False
+        for each in called:
+            _ = each._numba_type_
 
 
-def _is_being_imported(module: str) -> bool:
-    """Return whether a thread is still at a module, which then lacks functions that its first ones call.
-
-    No function that can be called already calls those of such a module.
-    """
-    return bool(getattr(getattr(sys.modules.get(module), "__spec__", None), "_initializing", False))
+def _externals_of(function: Callable[..., Any]) -> list[External]:
+    """Return the external functions that a function calls, itself or through compiled ones that are not external."""
+    found: list[External] = []
+    seen, callers = {function}, [function]
+    while callers:
+        caller = callers.pop()
+        for name in caller.__code__.co_names:
+            called = caller.__globals__.get(name)
+            if isinstance(called, External | Kernel) and called._function not in seen:
+                seen.add(called._function)
+                if isinstance(called, External):
+                    found.append(called)
+                else:
+                    callers.append(called._function)
+    return found
 
 
 @contextmanager

@@ -23,8 +23,8 @@ from zbuf_occlude.base.jit.simd import (
 )
 from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel, take_block
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.engines.exact.precompiler import Compilation
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, hilbert_codes, indices_of, new_cells
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import is_flat

@@ -16,6 +16,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, njit
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import N_LANES, load, store
 from zbuf_occlude.base.jit.threads import allocating_kernel, n_blocks, parallel_for, take_block_from, take_end
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
 from zbuf_occlude.engines.exact.layout import (
     BOTTOM,
@@ -31,7 +32,6 @@ from zbuf_occlude.engines.exact.layout import (
     Int64,
     make_workspace,
 )
-from zbuf_occlude.engines.exact.precompiler import Compilation
 from zbuf_occlude.engines.exact.project import ImageRect
 from zbuf_occlude.engines.exact.ray_packets import PacketRays, RayFrame, first_hits_of_packet, make_state, rect_of_rays
 from zbuf_occlude.engines.exact.search import list_candidates, project_children, select_candidates

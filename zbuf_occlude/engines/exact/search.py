@@ -8,6 +8,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function, inlin
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import count_lanes, first_lane, load, load3_wide, load_scalar, not_less, splat
 from zbuf_occlude.base.jit.threads import n_blocks, n_threads, next_task, parallel_for, parallel_kernel, take_block
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.engines.exact.bvh import Bvh, empty_bvh
 from zbuf_occlude.engines.exact.hide import (
     UNDECIDED,
@@ -36,7 +37,6 @@ from zbuf_occlude.engines.exact.layout import (
     put,
 )
 from zbuf_occlude.engines.exact.points import make_packets
-from zbuf_occlude.engines.exact.precompiler import Compilation
 from zbuf_occlude.engines.exact.project import is_empty, project_boxes, project_packet, rect_of_chunk, union
 from zbuf_occlude.engines.exact.single_rays import TRAVERSAL_RAYS, make_traversal_scratch
 from zbuf_occlude.engines.exact.triangle_setup import set_up_for_points, slot_of

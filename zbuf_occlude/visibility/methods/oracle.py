@@ -11,6 +11,7 @@ from zbuf_occlude.base.errors import check_fraction
 from zbuf_occlude.base.jit.compiler import device_function
 from zbuf_occlude.base.jit.threads import next_task, parallel_for, parallel_kernel
 from zbuf_occlude.base.jit.vec3 import dot, minus
+from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import blocks, is_nearer, passes, ray_triangle_t
 from zbuf_occlude.meshes.sampling import SurfacePoints
@@ -47,8 +48,7 @@ class Oracle(VisibilityQuery):
         self.contact = contact * mesh.diagonal
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-        targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
-        return _visible(self.mesh, points.face_ids, targets, eyes, self.contact)
+        return _visible(self.mesh, points.face_ids, points.positions[None], eyes, self.contact)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         face_ids, distances = np.empty(len(directions), dtype=np.int32), np.empty(len(directions))
@@ -78,9 +78,8 @@ class Oracle(VisibilityQuery):
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
         still = self._still(points, eyes, answer, width, self.contact)
-        targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
         for contact in (self.contact / 2.0, self.contact * 2.0):
-            still &= _visible(self.mesh, points.face_ids, targets, eyes, contact) == answer
+            still &= _visible(self.mesh, points.face_ids, points.positions[None], eyes, contact) == answer
         return still
 
     def silhouette_distance(self, points: SurfacePoints, eyes: FloatArray, widths: FloatArray) -> FloatArray:
@@ -158,10 +157,16 @@ def _runs_of(mesh: Mesh) -> _Runs:
 
 
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
-    """Return the answers (k, n) for targets (k, n, 3): each eye has its own, so that `decided` can move them."""
-    answer = np.empty(targets.shape[:2], dtype=np.bool_)
+    """Return the answers (k, n) for targets (n, 3) of all eyes, (1, n, 3), or of each, (k, n, 3)."""
+    answer = np.empty((len(eyes), len(own)), dtype=np.bool_)
     parallel_for(_look, len(own), mesh.corners, _runs_of(mesh), own, targets, eyes, contact, answer)
     return answer
+
+
+def _compile() -> None:
+    """Compile the answers to points, by a question without points."""
+    triangle, points = Mesh(np.eye(3), np.array([[0, 1, 2]])), SurfacePoints.free(np.empty((0, 3)))
+    _visible(triangle, points.face_ids, points.positions[None], np.empty((0, 3)), 0.0)
 
 
 @parallel_kernel
@@ -170,7 +175,7 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
     i = next_task(tasks)
     while i < len(own):
         for j in range(len(eyes)):
-            eye, point = _triple(eyes[j]), _triple(targets[j, i])
+            eye, point = _triple(eyes[j]), _triple(targets[j if len(targets) > 1 else 0, i])
             low, high = _least(eye, point), _most(eye, point)
             direction = minus(point, eye)
             answer[j, i] = True
@@ -251,3 +256,7 @@ def _may_pass(run, origin, direction):
         )
         n += passes(origin, direction, a, b, c) != 0
     return n > 0
+
+
+ORACLE = Compilation(_look, _compile)
+"""Compilation of the answers to points."""

@@ -13,9 +13,10 @@ import pytest
 import zbuf_occlude as zo
 from tests.processes import python
 from tests.scenes import box
+from zbuf_occlude.base import precompiler
 from zbuf_occlude.base.jit.compiler import njit
-from zbuf_occlude.engines.exact import bvh, precompiler, rays, search
-from zbuf_occlude.engines.exact.precompiler import Compilation, Precompiler
+from zbuf_occlude.base.precompiler import Compilation, Precompiler
+from zbuf_occlude.engines.exact import bvh, rays, search
 
 CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
 """Variable of the environment with the folder in which a called function leaves a file."""
@@ -98,7 +99,7 @@ def test_what_is_kept_is_not_compiled_again(tmp_path: Path) -> None:
     program = (
         "import os\n"
         "from pathlib import Path\n"
-        "from tests.engines.exact import test_precompiler as here\n"
+        "from tests.base import test_precompiler as here\n"
         "here.precompiler.n_cores = lambda: 2\n"
         "print(here.double.is_kept, here.double(2), here.double.is_kept)\n"
         "compiling = here.Precompiler()\n"
