@@ -126,3 +126,26 @@ def test_what_files_hold_makes_no_second_line(run: Run, tmp_path: Path) -> None:
         outcome = run(line, code=2)
         assert outcome.out == ""
         assert len([words for words in outcome.err.splitlines() if words.startswith("error: ")]) == 1, outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "completes", "starts"),
+    [
+        (["generate", "no-such-folder"], False, True),
+        (["generate", "--help"], False, False),
+        (["generate", "no-such-folder", "--dry-run"], False, False),
+        (["generate", "no-such-folder", "--engine", "ray"], False, False),
+        (["generate", "no-such-folder"], True, False),
+        (["sensors"], False, False),
+    ],
+)
+def test_the_server_of_workers_starts_where_there_will_be_workers(
+    monkeypatch: pytest.MonkeyPatch, arguments: list[str], completes: bool, starts: bool
+) -> None:
+    started: list[str] = []
+    monkeypatch.setattr("zbuf_occlude.datasets.workers.local.start_server", lambda: started.append("server"))
+    context = click.Context(group, resilient_parsing=completes)
+    name, command, rest = group.resolve_command(context, arguments)
+    assert (name, rest) == (arguments[0], arguments[1:])
+    assert command is not None
+    assert started == ["server"] * starts

@@ -52,6 +52,12 @@ _MODULES = {
 """Commands of each module whose name differs from theirs."""
 
 
+WITH_WORKERS = {"generate"}
+"""Commands whose workers are forked from a server, which imports while the command does."""
+WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray"}
+"""Arguments with which these commands have no such workers."""
+
+
 class LazyGroup(CommandGroup):
     """Group of all commands."""
 
@@ -64,6 +70,16 @@ class LazyGroup(CommandGroup):
             return None
         command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{name.replace('-', '_')}_command")
         return command
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that was called."""
+        if args[0] in WITH_WORKERS and not context.resilient_parsing and WITHOUT_WORKERS.isdisjoint(args):
+            from zbuf_occlude.datasets.workers.local import start_server  # late: other commands need no server
+
+            start_server()
+        return super().resolve_command(context, args)
 
     def invoke(self, context: click.Context) -> Any:
         """Run a command after the checks of the environment."""

@@ -59,7 +59,6 @@ from zbuf_occlude.datasets.rehearsal import (
     warm_up_jit,
 )
 from zbuf_occlude.datasets.workers import Done, Run, Task
-from zbuf_occlude.datasets.workers.local import start_server
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors.scan_config import LEAST_POINTS, SURFACE, ScanConfig, span_of
@@ -314,8 +313,6 @@ def generate_command(
         announce()
         COMPILING.total = n_functions(plan.config)
         precompile_job(plan.config)
-    if context.params["engine"] == "local" and not dry_run:
-        start_server()  # it imports while the first meshes are looked at
     warn_of_lying(collection, up)
     plans = [(plan, out)]
     if wanted is not None and wanted.original and not complete:

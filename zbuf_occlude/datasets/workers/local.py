@@ -26,7 +26,6 @@ from zbuf_occlude.datasets.workers.pool import ExitStatus, Message, do_jobs, wor
 
 PRELOAD = (
     "zbuf_occlude.datasets.workers.preload",
-    "numba",
     "h5py",
     "zbuf_occlude.datasets.shard",
     "zbuf_occlude.datasets.workers.local",
