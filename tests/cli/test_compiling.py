@@ -63,10 +63,10 @@ def test_a_line_moves_while_functions_are_compiled(monkeypatch: pytest.MonkeyPat
 def test_the_number_of_functions_is_about_right(tmp_path: Path) -> None:
     program = (
         "from zbuf_occlude.datasets.plan import DatasetConfig\n"
-        "from zbuf_occlude.datasets.rehearsal import warm_up_jit, n_functions\n"
+        "from zbuf_occlude.datasets.rehearsal import n_functions, precompile_job, warm_up_jit\n"
         "from zbuf_occlude.base.jit.compiler import on_compiled\n"
-        "heard = []\non_compiled(lambda: heard.append(1))\n"
-        "warm_up_jit(DatasetConfig('exact'))\nprint(len(heard), n_functions(DatasetConfig('exact')))"
+        "heard, config = [], DatasetConfig('exact')\non_compiled(lambda: heard.append(1))\n"
+        "precompile_job(config)\nwarm_up_jit(config)\nprint(len(heard), n_functions(config))"
     )
     child = python("-c", program, NUMBA_CACHE_DIR=str(tmp_path))
     compiled, expected = map(int, child.stdout.split())

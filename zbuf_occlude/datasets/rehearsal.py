@@ -95,7 +95,6 @@ def precompile_job(config: DatasetConfig) -> None:
 
 def warm_up_jit(config: DatasetConfig) -> None:
     """Make a shard of a pyramid in a temporary folder to compile all functions, and note that they are compiled."""
-    precompile_job(config)
     small = replace(config, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if config.scan is not None:
         whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in config.attributes else {}
