@@ -67,7 +67,10 @@ def export(source: CloudReader, out: Path) -> Exported:
 @pytest.fixture
 def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """One row in each table."""
-    near = Method("near", "what is on the eye's side of the origin", f"{__name__}:prepare")
+    near = Method("near", "what is on the eye's side of the origin")
+    method = ModuleType(near.module)
+    method.prepare = prepare  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, near.module, method)
     monkeypatch.setattr(visibility, "METHODS", (*visibility.METHODS, near))
     corners = Specification(
         "corners",

@@ -201,8 +201,7 @@ def is_selected(probe: Probe, named: str) -> bool:
 
 def reason_missing(method: Method) -> str:
     """Return the reason why a method cannot run here, or ""; its package is imported in a separate process."""
-    module, _, _ = method.factory.partition(":")
-    return method.missing() or (tried(method.requires, module) if method.requires else "")
+    return method.missing() or (tried(method.requires, method.module) if method.requires else "")
 
 
 def backend_lines(probe: Probe) -> list[str]:

@@ -24,25 +24,21 @@ METHODS = Methods(
         Method(
             "depth_buffer",
             "depth buffer of the mesh for each eye and a depth test of the points, all on the GPU",
-            "zbuf_occlude.visibility.methods.depth_buffer:prepare",
             needs_gl=True,
         ),
         Method(
             "exact",
             "exact image-space visibility on the CPU: the oracle's answers, mostly faster than a ray caster",
-            "zbuf_occlude.visibility.methods.exact:prepare",
             exact=True,
         ),
         Method(
             "oracle",
             "exact CPU reference, float64, brute force over all faces: slow, and simple",
-            "zbuf_occlude.visibility.methods.oracle:prepare",
             exact=True,
         ),
         Method(
             "exact_gl",
             "exact image-space visibility on the GPU: an irregular z-buffer in compute shaders, as the oracle",
-            "zbuf_occlude.visibility.methods.exact_gl:prepare",
             exact=True,
             needs_gl=True,
             ray_casting_unsupported_reason="its entries are sample points, and a ray has none",
@@ -50,14 +46,12 @@ METHODS = Methods(
         Method(
             "embree",
             "ray casting with Intel Embree, float32: an independent check, for comparison",
-            "zbuf_occlude.visibility.methods.embree:prepare",
             extra="embree",
             requires="embreex",
         ),
         Method(
             "warp",
             "ray casting with NVIDIA Warp, decided in float64: equal to the oracle; CUDA or CPU",
-            "zbuf_occlude.visibility.methods.warp:prepare",
             exact=True,
             extra="warp",
             requires="warp",
@@ -65,7 +59,6 @@ METHODS = Methods(
         Method(
             "pyrender",
             "depth images by pyrender in a process of its own and a depth test, for comparison in image space",
-            "zbuf_occlude.visibility.methods.pyrender:prepare",
             extra="pyrender",
             requires="pyrender",
             libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
@@ -74,31 +67,26 @@ METHODS = Methods(
         Method(
             "vertex_hsr",
             "paper 3.3: every face with a hidden vertex is removed; large faces can be divided first",
-            "zbuf_occlude.visibility.methods.vertex_hsr:prepare",
             ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "vertex_hsr_culled",
             "vertex_hsr with far faces excluded by distance: first or second suggestion of paper 3.6",
-            "zbuf_occlude.visibility.methods.vertex_hsr_culled:prepare",
             ray_casting_unsupported_reason="it keeps or drops whole faces and tests no rays",
         ),
         Method(
             "exact_hsr",
             "paper 3.5: every point against all faces by planes and perpendicular planes",
-            "zbuf_occlude.visibility.methods.exact_hsr:prepare",
             ray_casting_unsupported_reason="it tests whether a point is hidden, not which face hides it first",
         ),
         Method(
             "occupancy_grid",
             "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
-            "zbuf_occlude.visibility.methods.occupancy_grid:prepare",
             ray_casting_unsupported_reason="its cells have no face ids",
         ),
         Method(
             "hidden_point_removal",
             "Katz 2007 through Open3D: convex hull of the flipped cloud, without faces",
-            "zbuf_occlude.visibility.methods.hidden_point_removal:prepare",
             needs_faces=False,
             extra="open3d",
             requires="open3d",

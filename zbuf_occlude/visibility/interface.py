@@ -239,15 +239,16 @@ class VisibilityQuery(ABC):
 
 @dataclass(frozen=True)
 class Method:
-    """Row of the table of methods. Its module is imported when the method is first used.
+    """Row of the table of methods.
+
+    Its module, ``visibility/methods/NAME.py``, is imported when the method is first used. The module's ``prepare``
+    takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
 
     Parameters
     ----------
     name : str
     summary : str
         One line.
-    factory : str
-        ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
     exact : bool
         True if its answers are those of rational arithmetic, for every line.
     needs_gl : bool
@@ -263,7 +264,6 @@ class Method:
 
     name: str
     summary: str
-    factory: str
     exact: bool = False
     needs_gl: bool = False
     needs_faces: bool = True
@@ -271,6 +271,11 @@ class Method:
     requires: str = ""
     libraries: tuple[str, ...] = ()
     ray_casting_unsupported_reason: str = ""
+
+    @property
+    def module(self) -> str:
+        """Name of the method's module."""
+        return f"{__package__}.methods.{self.name}"
 
     def missing(self) -> str:
         """Return the reason why the method cannot run here; "" if nothing is known to be missing.
@@ -290,8 +295,7 @@ class Method:
         if reason := self.missing():
             raise UnavailableError(f"method {self.name!r} {reason}")
         with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
-            module, name = self.factory.split(":")
-            prepare: Callable[..., VisibilityQuery] = getattr(import_module(module), name)
+            prepare: Callable[..., VisibilityQuery] = import_module(self.module).prepare
         return prepare
 
     def options(self) -> dict[str, Any]:
