@@ -12,7 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.base.arrays import FloatArray, IntArray, as_indices, as_vectors, readonly_copy, set_readonly
+from zbuf_occlude.base.arrays import (
+    FloatArray,
+    IntArray,
+    as_indices,
+    as_vectors,
+    readonly_copy,
+    set_readonly,
+    unit_vectors,
+)
 from zbuf_occlude.base.errors import ArgumentError, OptionError
 
 MOST_RAYS = 8_500_000
@@ -112,8 +120,7 @@ class Rays:
         order = np.argsort(self.rings, kind="stable")
         rays = np.pad(order, (0, -len(order) % RUN_RAYS), mode="edge").reshape(-1, RUN_RAYS)
         directions = self.directions[rays]
-        middles = directions.sum(axis=1)
-        middles /= np.maximum(np.linalg.norm(middles, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        middles = unit_vectors(directions.sum(axis=1))
         cosines = np.einsum("rki,ri->rk", directions, middles).min(axis=1)
         return _Runs(rays, middles, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
