@@ -12,6 +12,7 @@ import pytest
 from tests.scenes import box, two_plates
 from zbuf_occlude import Mesh, views
 from zbuf_occlude.base.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.engines.gl.context import GlContext
 from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.studies.compare import run as run_module
 from zbuf_occlude.studies.compare.cases import Case, Question, Subject, sample_question
@@ -27,6 +28,7 @@ from zbuf_occlude.studies.compare.run import (
     measure,
     run,
     time_calls,
+    warm_up,
 )
 from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import VisibilityQuery
@@ -167,6 +169,13 @@ def test_the_first_call_of_a_size_is_no_measurement(monkeypatch: pytest.MonkeyPa
     _, wall, cpu = time_calls(slow, question.points, question.views.eyes, budget=0.3)
     assert wall == pytest.approx([2e-4] * ENOUGH_REPEATS)
     assert len(cpu) == len(wall)
+
+
+@pytest.mark.gl
+def test_no_context_opens_while_a_method_is_timed(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    warm_up("depth_buffer", {})
+    monkeypatch.setattr(GlContext, "open", lambda: pytest.fail("opened late"))
+    assert measure(plates(50), "depth_buffer", {}, 0.01).renderer == gl.renderer
 
 
 # ---- the folder -----------------------------------------------------------------------------------------------------

@@ -253,7 +253,7 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
         before = _process_memory("VmRSS")
         _reset_peak()
         start = time.perf_counter()
-        with prepare(question.mesh, method, gl=_gl_for(method), **options) as occluder:
+        with prepare(question.mesh, method, **options) as occluder:
             build = time.perf_counter() - start
             view_ids, n = fit_to_budget(occluder, question, budget)
             points, eyes = question.points.select(np.arange(n)), question.views.eyes[view_ids]
@@ -324,28 +324,12 @@ def fit_to_budget(occluder: VisibilityQuery, question: Question, budget: float) 
 
 
 def warm_up(method: str, options: dict[str, Any]) -> None:
-    """Run a method on a cube, so that one-off costs such as compiling are paid."""
+    """Run a method on a cube, so that one-off costs are paid: compiling, and opening this thread's GL context."""
     cube = box()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with prepare(cube, method, gl=_gl_for(method), **options) as occluder:
+        with prepare(cube, method, **options) as occluder:
             occluder.visible(sample_surface(cube, n_points=200), np.array([[4.0, 1.0, 2.0], [-1.0, 4.0, 3.0]]))
-
-
-_gl: Any = None
-"""GL context of the child process, opened at first use."""
-
-
-def _gl_for(method: str) -> Any:
-    """Return the GL context of a method that needs one, else None."""
-    global _gl
-    if not find_method(method).needs_gl:
-        return None
-    if _gl is None:
-        from zbuf_occlude.engines.gl.context import GlContext  # late: only these methods need GL
-
-        _gl = GlContext.open()
-    return _gl
 
 
 def _process_memory(name: str) -> int:
