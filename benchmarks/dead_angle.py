@@ -5,7 +5,7 @@
 For the built-in shapes and the meshes of folders, and for each the same as surfaces of voxels: how much of the surface
 is level or upright (within 10 degrees), and the areas of Fig. 12 that the visible part projects, in percent of an
 object's own largest over all elevations, means over the objects (`visible_areas` of
-`zbuf_occlude.studies.paper.experiments`).
+`zbuf_occlude.studies.paper.elevation`).
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,8 @@ from common import heads, row, run
 from zbuf_occlude.datasets.presets import two_hundred
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.studies.paper.experiments import as_voxels, visible_areas
+from zbuf_occlude.studies.paper.elevation import visible_areas
+from zbuf_occlude.studies.paper.experiments import as_voxels
 
 NEAR = np.sin(np.radians(10.0))
 

@@ -24,7 +24,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     put_in_place(monkeypatch)
     monkeypatch.setattr("zbuf_occlude.studies.paper.study.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.studies.paper.experiments.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.studies.paper.elevation.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")

@@ -18,7 +18,7 @@ from zbuf_occlude.cli.experiment import experiment_command  # noqa: E402
 from zbuf_occlude.meshes import shapes  # noqa: E402
 from zbuf_occlude.studies.learn.evaluation import Confusion  # noqa: E402
 from zbuf_occlude.studies.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM  # noqa: E402
-from zbuf_occlude.studies.paper.experiments import Realism, own_and_matched  # noqa: E402
+from zbuf_occlude.studies.paper.realism import Realism, own_and_matched  # noqa: E402
 from zbuf_occlude.studies.paper.results import read_results  # noqa: E402
 from zbuf_occlude.studies.paper.study import run_study  # noqa: E402
 from zbuf_occlude.studies.paper.study_report import cars_found, table_of_clouds, table_realism, write_study  # noqa: E402

@@ -21,8 +21,9 @@ from zbuf_occlude.datasets.plan import DatasetConfig, Plan  # noqa: E402
 from zbuf_occlude.meshes import MeshCollection, shapes  # noqa: E402
 from zbuf_occlude.studies.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.studies.learn.training import CHECKPOINT, load_trained  # noqa: E402
-from zbuf_occlude.studies.paper import experiments as experiments_module  # noqa: E402
+from zbuf_occlude.studies.paper import augmentation  # noqa: E402
 from zbuf_occlude.studies.paper import study as study_module  # noqa: E402
+from zbuf_occlude.studies.paper.augmentation import Augmentation  # noqa: E402
 from zbuf_occlude.studies.paper.design import (  # noqa: E402
     AUGMENTATION,
     CLOUDS,
@@ -35,13 +36,9 @@ from zbuf_occlude.studies.paper.design import (  # noqa: E402
     TRAIN_ELEVATIONS,
     Progress,
 )
-from zbuf_occlude.studies.paper.experiments import (  # noqa: E402
-    MODELNET10,
-    Augmentation,
-    Elevation,
-    degrees,
-    find_objects,
-)
+from zbuf_occlude.studies.paper.elevation import Elevation  # noqa: E402
+from zbuf_occlude.studies.paper.experiments import MODELNET10, Experiment, MakeOptions, find_objects  # noqa: E402
+from zbuf_occlude.studies.paper.figures import degrees  # noqa: E402
 from zbuf_occlude.studies.paper.real_scans import CLASSES  # noqa: E402
 from zbuf_occlude.studies.paper.results import FOLDER, Result, Trial, read_results, read_study  # noqa: E402
 from zbuf_occlude.studies.paper.study import CLASSIFIERS, run_study, run_trials  # noqa: E402
@@ -123,7 +120,7 @@ def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An uninterrupted study in two processes equals the interrupted one."""
-    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))  # no time for the others
+    monkeypatch.setattr(augmentation, "METHODS", (MAIN,))  # no time for the others
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
     heard = Heard()
     assert run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], workers=2, progress=heard) == (6, 6, 6)
@@ -197,7 +194,7 @@ def test_a_study_in_parts_on_several_machines_equals_a_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The clock goes on by a minute where it is read: at the end of a shard, and of an epoch."""
-    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
+    monkeypatch.setattr(augmentation, "METHODS", (MAIN,))
     size = replace(TINY, seeds=(0,), passes=96)
     whole, parts = tmp_path / "whole", tmp_path / "machine 0"
     assert run_study(whole, size, experiments=[AUGMENTATION], workers=1) == (3, 3, 3)
@@ -224,7 +221,7 @@ def test_a_study_in_parts_on_several_machines_equals_a_whole_one(
 
 
 def test_each_call_does_some_work_however_short_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
+    monkeypatch.setattr(augmentation, "METHODS", (MAIN,))
     size, n_calls = replace(TINY, seeds=(0,), passes=2), 0
     while (work := run_study(tmp_path, size, experiments=[AUGMENTATION], workers=1, minutes=1e-6)).n_done < 3:
         n_calls += 1
@@ -268,7 +265,7 @@ def test_as_many_train_on_a_gpu_as_its_memory_and_the_cores_allow(
 
 
 def test_a_budget_given_later_is_more_classifiers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
+    monkeypatch.setattr(augmentation, "METHODS", (MAIN,))
     size = replace(TINY, seeds=(0,), passes=48, epochs=2)
     again = tmp_path / "budgets"
     assert run_study(again, size, experiments=[AUGMENTATION], workers=1) == (3, 3, 3)
@@ -389,12 +386,12 @@ def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
 
 
 def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
-    class Two(experiments_module.Experiment):
+    class Two(Experiment):
         def plans(self) -> dict[str, Plan]:
             config = DatasetConfig(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
             return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), config, "hdf5")}
 
-        def trials(self) -> list[experiments_module.Trial]:
+        def trials(self) -> list[Trial]:
             return []
 
     write_modelnet(tmp_path / "meshes", ("bed", "car"), 2, 2)
@@ -402,7 +399,7 @@ def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> Non
     for number in (1, 2):
         (tmp_path / "meshes" / "bed" / "train" / f"bed_000{number}.off").write_text(whole)
     with pytest.raises(MeshError, match=r"No mesh of class car can be used.*car_0001\.off.*'noth"):
-        Two(TINY, tmp_path / "one").make_datasets(experiments_module.MakeOptions(lambda n: None))
+        Two(TINY, tmp_path / "one").make_datasets(MakeOptions(lambda n: None))
     (tmp_path / "meshes" / "car" / "train" / "car_0002.off").write_text(whole)
-    failures = Two(TINY, tmp_path / "other").make_datasets(experiments_module.MakeOptions(lambda n: None))
+    failures = Two(TINY, tmp_path / "other").make_datasets(MakeOptions(lambda n: None))
     assert [key.split("/")[-1] for key in failures] == ["car_0001.off"]

@@ -47,14 +47,11 @@ from zbuf_occlude.studies.paper.design import (
     SIMULATED,
     Size,
 )
-from zbuf_occlude.studies.paper.experiments import ELEVATIONS, Experiment, MakeOptions, epochs_for, first_of_each
+from zbuf_occlude.studies.paper.experiments import Experiment, MakeOptions, epochs_for, first_of_each
+from zbuf_occlude.studies.paper.realism import ELEVATIONS, HIDDEN, SENSOR
 from zbuf_occlude.studies.paper.results import REAL_PICTURE, Trial
 
-SENSOR = "hdl-64e"
-"""LiDAR of the scans: that of KITTI."""
 RANGE = (5.0, 50.0)
-HIDDEN = (0.0, 0.6)
-"""Share of an object that others in its street hide."""
 TO_SHAPES = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float32)
 """Matrix that turns rows of positions from the axes of labelled boxes, x ahead, to those of the shapes, -y ahead."""
 CLASSES = {

@@ -27,19 +27,13 @@ from zbuf_occlude.datasets.real.sydney import UpAxis, find_frame, find_scans
 from zbuf_occlude.studies.compare.run import machine
 from zbuf_occlude.studies.learn.evaluation import evaluate
 from zbuf_occlude.studies.learn.training import Epoch, TimeUp, TrainConfig, train
+from zbuf_occlude.studies.paper.augmentation import Augmentation
 from zbuf_occlude.studies.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REAL, REALISM, Progress, Size
-from zbuf_occlude.studies.paper.experiments import (
-    Augmentation,
-    Elevation,
-    Experiment,
-    MakeOptions,
-    Realism,
-    as_voxels,
-    find_objects,
-    is_modelnet10,
-)
+from zbuf_occlude.studies.paper.elevation import Elevation
+from zbuf_occlude.studies.paper.experiments import Experiment, MakeOptions, as_voxels, find_objects, is_modelnet10
 from zbuf_occlude.studies.paper.real_objects import RealObjects
 from zbuf_occlude.studies.paper.real_scans import check_scans, picture_of_scans, read_objects
+from zbuf_occlude.studies.paper.realism import Realism
 from zbuf_occlude.studies.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
 
 CLASSIFIERS = "classifiers"
