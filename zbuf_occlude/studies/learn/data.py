@@ -165,7 +165,8 @@ def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> 
             raise DatasetError(f"datasets must be different folders; {folder} is given {times} times. Give it once.")
     readers = [open_dataset(folder) for folder in folders]
     sizes = [size for reader in readers if (size := reader.plan.config.sample_size) is not None]
-    sets = [load_clouds(folder, split, min(sizes, default=ragged)) for folder in folders]
+    n_points = min(sizes, default=ragged)
+    sets = [_read_split(reader, folder, split, n_points) for reader, folder in zip(readers, folders, strict=True)]
     classes = list(sets[0].classes)
     for folder, clouds in zip(folders[1:], sets[1:], strict=True):
         if not set(classes) & set(clouds.classes):
@@ -213,7 +214,11 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     Raises DatasetError where the folder holds no complete dataset, where files are damaged, where the split is missing,
     or where the clouds have fewer points.
     """
-    source = open_dataset(folder)
+    return _read_split(open_dataset(folder), folder, split, n_points)
+
+
+def _read_split(source: CloudReader, folder: Path, split: str, n_points: int | None) -> CloudSet:
+    """Read one split from a folder's reader, as `load_clouds`."""
     size = source.plan.config.sample_size
     if split not in source.order:
         raise DatasetError(f"{folder} must have clouds of the split {split}; it has {', '.join(source.order)}.")
