@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 110
+NONE = "–"
+"""Text of a table's cell where there is no value."""
 _MARKUP = re.compile(r"[\\`*\[\]]|(?<![^\W_])_|_(?![^\W_])")
 _REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
 

@@ -16,8 +16,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.drawing import pages
-from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, pack_cloud, verbatim
+from zbuf_occlude.drawing.pages import NONE, Picture, Section, Table, as_png, pack_cloud, verbatim
 from zbuf_occlude.drawing.pictures import canvas
+from zbuf_occlude.engines.gl.devices import is_software
 from zbuf_occlude.studies.compare.metrics import (
     Ranking,
     Row,
@@ -46,7 +47,6 @@ HEADINGS = {
     "where": "Error against distance from the nearest silhouette and angle of incidence",
     "scaling": "Time against N points and M faces; exponents fitted to the three largest",
 }
-NONE = "–"
 COLOURS = {
     "depth_buffer": "#0072b2",
     "exact": "#d55e00",
@@ -120,7 +120,7 @@ def facts_of_rows(rows: Sequence[Row]) -> str:
     renderers = sorted({row["timed"]["renderer"] for row in ok} - {"none"})
     text = f"{len(ok)} rows on {len({row['case'] for row in ok})} meshes or cases; "
     text += f"{', '.join(sorted({row['machine'] for row in rows}))}; OpenGL: {', '.join(renderers) or 'not used'}"
-    if any(word in name.lower() for name in renderers for word in ("llvmpipe", "softpipe", "swrast")):
+    if any(map(is_software, renderers)):
         text += " (a software rasteriser: methods that render are faster on a GPU)"
     return text + "."
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.base.arrays import BoolArray, FloatArray
+from zbuf_occlude.drawing.pages import NONE
 from zbuf_occlude.meshes.sampling import SurfacePoints
 
 Row = dict[str, Any]
@@ -240,7 +241,7 @@ def format_percent(fraction: float) -> str:
 def format_error(row: Row) -> str:
     """Format the fraction of a row's pairs outside the boundary band that are wrong; a dash without such pairs."""
     agreement = row["judged"]["outside"]["agreement"]
-    return "–" if agreement is None else format_percent(1.0 - agreement)
+    return NONE if agreement is None else format_percent(1.0 - agreement)
 
 
 def format_milliseconds(seconds: float) -> str:

@@ -22,7 +22,7 @@ from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_flag, as_number, 
 from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, escape_control
 from zbuf_occlude.base.extras import importing
-from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
+from zbuf_occlude.drawing.pages import NONE, Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.meshes.load import load_mesh
@@ -46,8 +46,6 @@ SIGMA_PER_MAD = 1.4826
 """Ratio of standard deviation to median absolute deviation of a normal distribution."""
 BOTH, NOT_SCANNED, NOT_SEEN, NEITHER = 0, 1, 2, 3
 CASES = ("predicted and scanned", "predicted only", "scanned only", "neither")
-NONE = "–"
-"""Text of a measure without data."""
 COLORS = ("#d0d0d0", "#d55e00", "#0072b2", "")
 """Colours of the cases that are drawn; distinguishable by the colour-blind."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from zbuf_occlude.base.arrays import FloatArray
-from zbuf_occlude.drawing.pages import Table
+from zbuf_occlude.drawing.pages import NONE, Table
 from zbuf_occlude.drawing.pictures import canvas
 from zbuf_occlude.studies.learn.evaluation import Confusion
 from zbuf_occlude.studies.paper.design import (
@@ -76,7 +76,7 @@ def table_real(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
                 [
                     "" if place else printed(model),
                     WORDS[name],
-                    AZIMUTHS[azimuths] if LIDAR in name else "–",
+                    AZIMUTHS[azimuths] if LIDAR in name else NONE,
                     "metres" if scale == "metres" else "1",
                     percent([test.accuracy for test in tests]),
                     percent([mean_recall(test) for test in tests]),

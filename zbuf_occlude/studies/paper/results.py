@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.base.errors import DatasetError
+from zbuf_occlude.drawing.pages import NONE
 from zbuf_occlude.studies.learn.data import CloudSet
 from zbuf_occlude.studies.learn.evaluation import Confusion
 from zbuf_occlude.studies.learn.models import find_model
@@ -27,9 +28,6 @@ from zbuf_occlude.studies.paper.design import (
 FOLDER, STUDY, AREAS, PICTURE, REAL_PICTURE = "results", "study.json", "areas.json", "scans.png", "objects.png"
 """Parts of a study's folder: results (a JSON file per trial), description, visible areas, pictures of real scans and of
 real objects beside simulated ones."""
-
-NONE = "–"
-"""Text in place of a number that is not known."""
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from zbuf_occlude.base.errors import ArgumentError, DatasetError
 from zbuf_occlude.datasets.real.sydney import SOURCE, VEHICLES
-from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
+from zbuf_occlude.drawing.pages import NONE, Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.drawing.pictures import GREY, canvas
 from zbuf_occlude.studies.learn.evaluation import Confusion
 from zbuf_occlude.studies.paper.design import (
@@ -57,7 +57,6 @@ from zbuf_occlude.studies.paper.design import (
 from zbuf_occlude.studies.paper.real_report import plot_confusions, table_by_fit, table_by_range, table_real
 from zbuf_occlude.studies.paper.results import (
     AREAS,
-    NONE,
     PICTURE,
     REAL_PICTURE,
     Result,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zbuf_occlude.datasets.folder import CONTACT_SHEET, GALLERY, SHARDS, partition_files, read_finished
-from zbuf_occlude.drawing.pages import Table
+from zbuf_occlude.drawing.pages import NONE, Table
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.load import load_mesh
@@ -136,7 +136,7 @@ def table_1a(rows: Sequence[Row]) -> Table:
         if not here:
             continue
         size = f"{paper.faces:,} · {paper.vertices:,}"
-        body.append([paper.label, "**paper**", size, f"{original} s", f"{modified} s", f"{reduction} %", "–", "–", "–"])
+        body.append([paper.label, "**paper**", size, f"{original} s", f"{modified} s", f"{reduction} %", *[NONE] * 3])
         slow, fast = here.pop("vertex_hsr", None), here.pop(MODIFIED, None)
         if slow and fast:
             columns = ("seconds_per_view", "cpu_seconds_per_view", "tests_per_view")
@@ -152,7 +152,7 @@ def table_1a(rows: Sequence[Row]) -> Table:
             )
         for subject, row in here.items():
             time, less = _time_and_reduction(row, slow)
-            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", format_error(row)])
+            body.append(["", f"`{subject}`", _size(row), "", time, less, NONE, NONE, format_error(row)])
     return Table(
         "Table 1A of the paper: HSR by vertices, and with far faces excluded (second suggestion)",
         ["object", "", "faces · points", "original", "modified", "reduction", "of CPU time", "of tests", "wrong"],
@@ -174,7 +174,7 @@ def table_1b(rows: Sequence[Row]) -> Table:
             continue
         label = f"{paper.label}, {n_points:,}"
         seconds = [f"{number} s" for number in (exact, g32, g64)]
-        body.append([label, "**paper**", *seconds, f"{r32} %", f"{r64} %", "–"])
+        body.append([label, "**paper**", *seconds, f"{r32} %", f"{r64} %", NONE])
         slow = here.pop("exact_hsr", None)
         grids = [row for name in GRIDS if (row := here.pop(name, None))]
         if slow and len(grids) == len(GRIDS):
@@ -211,7 +211,7 @@ def _of_object(rows: Sequence[Row], label: str) -> dict[str, Row]:
 
 def _time_and_reduction(row: Row, slow: Row | None) -> tuple[str, str]:
     seconds = seconds_for_all_points(row)
-    return f"{format_milliseconds(seconds)} ms", _reduction(seconds_for_all_points(slow), seconds) if slow else "–"
+    return f"{format_milliseconds(seconds)} ms", _reduction(seconds_for_all_points(slow), seconds) if slow else NONE
 
 
 def _size(row: Row) -> str:
