@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.base import atomic
-from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, as_flag, as_number, as_vectors, unit_vectors
 from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, escape_control
 from zbuf_occlude.base.extras import importing
@@ -261,8 +261,7 @@ class _Comparison:
         for corner in range(3):
             np.add.at(normals, mesh.faces[:, corner], mesh.face_normals)
         self.vertices, self.outward = mesh.vertices[used], outward(mesh)
-        normals = normals[used] * (self.outward or 1.0)
-        self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        self.normals = unit_vectors(normals[used] * (self.outward or 1.0))
 
     def run(self, name: str, cloud: FloatArray, pose: FloatArray, sensor: Sensor) -> ScanComparison:
         """Compare one scan."""
