@@ -69,7 +69,7 @@ def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:
     return np.asarray(along_axis * (depths.reshape(-1, 1) * unit))
 
 
-def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> list[FloatArray]:
+def read_poses(path: Path, scans: Sequence[Path], model: int | None) -> list[FloatArray]:
     """Read the pose of each scan: a rigid motion (4, 4) from the scan's frame to the mesh's.
 
     Parameters
@@ -79,7 +79,7 @@ def read_poses(path: Path, scans: Sequence[Path], model: int | None = None) -> l
         ``.json`` of BOP (see `bop_folder.poses_of`); else text of numbers: 4 x 4 of one scan, or a row of 12 or 16 for
         each.
     scans : sequence of Path
-    model : int, optional
+    model : int or None
         BOP's ``obj_id`` of the mesh.
 
     Raises

@@ -151,7 +151,7 @@ _COLUMNS = tuple(each.name for each in fields(CloudSet) if each.name not in ("cl
 """Fields with a row per cloud."""
 
 
-def load_datasets(folders: Sequence[Path], split: str, ragged: int = RAGGED) -> CloudSet:
+def load_datasets(folders: Sequence[Path], split: str, ragged: int) -> CloudSet:
     """Read one split of several datasets, of any format, or folders of cloud files by class.
 
     The classes are the union by name. All clouds have the least size of them; where all are of unequal size, `ragged`
