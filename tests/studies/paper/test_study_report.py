@@ -24,6 +24,7 @@ def write(folder: Path, results: list[Result]) -> None:
         "objects": "shapes <b>",
         "date": "2026-01-02",
         "missing_methods": {"x": "no | luck"},
+        "failed_meshes": {},
     }
     (folder / STUDY).write_text(json.dumps(study))
     areas = {"elevations": list(range(-90, 91, 10)), "planes": ["y-z", "x-z", "x-y"], "mean": SHARES, "n_objects": 3}
@@ -101,6 +102,13 @@ def test_in_a_browser_every_plot_shows_and_nothing_is_cut_off(folder: Path, tmp_
 def test_what_is_missing_or_damaged_is_said(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(DatasetError, match=r"must hold a study; it has no study\.json"):
         report.write_study(tmp_path)
+    whole = (folder / STUDY).read_text()
+    study = json.loads(whole)
+    for damaged in ([], {**study, "size": None}, *({n: study[n] for n in study if n != lost} for lost in study)):
+        (folder / STUDY).write_text(json.dumps(damaged))
+        with pytest.raises(DatasetError, match=r"study\.json is damaged"):
+            report.write_study(folder)
+    (folder / STUDY).write_text(whole)
     (folder / FOLDER / "000.json").write_text("{")
     with pytest.raises(DatasetError, match=r"000\.json must be a trial's result; it is damaged"):
         report.write_study(folder)

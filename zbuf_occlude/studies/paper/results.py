@@ -112,8 +112,7 @@ def read_study(folder: Path) -> dict[str, Any]:
     path = folder / STUDY
     try:
         study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        study["size"]["name"], study["objects"], study["date"], study["missing_methods"]
-        study.setdefault("failed_meshes", {})
+        study["size"]["name"], study["objects"], study["date"], study["missing_methods"], study["failed_meshes"]
     except FileNotFoundError:
         raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See zbuf-occlude paper -h.") from None
     except (ValueError, KeyError, TypeError) as error:
