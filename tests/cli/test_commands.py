@@ -135,6 +135,7 @@ def test_what_files_hold_makes_no_second_line(run: Run, tmp_path: Path) -> None:
         (["generate", "--help"], False, False),
         (["generate", "no-such-folder", "--dry-run"], False, False),
         (["generate", "no-such-folder", "--engine", "ray"], False, False),
+        (["generate", "no-such-folder", "--engine=ray"], False, False),
         (["generate", "no-such-folder"], True, False),
         (["sensors"], False, False),
     ],

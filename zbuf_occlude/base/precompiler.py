@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from zbuf_occlude.base.child import Child
 from zbuf_occlude.base.cores import n_cores
-from zbuf_occlude.base.jit.compiler import Kernel, leave_out_externals
+from zbuf_occlude.base.jit.compiler import Kernel, cache_folder, leave_out_externals
 
 
 class Compilation(NamedTuple):
@@ -34,9 +34,11 @@ class Precompiler:
     def launch(self, *compilations: Compilation) -> None:
         """Compile what is not in the cache yet.
 
-        There is one second process at most, and none in workers or on a single core.
+        There is one second process at most. There is none in workers, on a single core, or without a cache.
         """
         if self._process or n_cores() < 2 or not sys.executable or multiprocessing.parent_process():
+            return
+        if cache_folder() is None:
             return
         with self._lock:
             functions = [each.function for each in compilations if not each.kernel.is_kept]

@@ -52,10 +52,10 @@ _MODULES = {
 """Commands of each module whose name differs from theirs."""
 
 
-WITH_WORKERS = {"generate"}
+_WITH_WORKERS = {"generate"}
 """Commands whose workers are forked from a server, which imports while the command does."""
-WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray"}
-"""Arguments with which these commands have no such workers."""
+_WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "--engine=ray", "ray"}
+"""Arguments with any of which the server is left to those who need it."""
 
 
 class LazyGroup(CommandGroup):
@@ -75,7 +75,7 @@ class LazyGroup(CommandGroup):
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that was called."""
-        if args[0] in WITH_WORKERS and not context.resilient_parsing and WITHOUT_WORKERS.isdisjoint(args):
+        if args[0] in _WITH_WORKERS and not context.resilient_parsing and _WITHOUT_WORKERS.isdisjoint(args):
             from zbuf_occlude.datasets.workers.local import start_server  # late: other commands need no server
 
             start_server()

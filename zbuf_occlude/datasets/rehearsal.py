@@ -29,7 +29,7 @@ from zbuf_occlude.visibility import find_method, precompile, prepare
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
 N_FUNCTIONS = {"depth_buffer": 67, "exact": 83, "exact-scans": 163}
-"""Approximate number of functions that `warm_up_jit` compiles for each kind of job where a second process helps."""
+"""Approximate number of functions that `warm_up_jit` compiles for each kind of job, beside `precompile_job`."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
 
@@ -79,10 +79,7 @@ def n_functions(config: DatasetConfig) -> int | None:
 
 
 def precompile_job(config: DatasetConfig) -> None:
-    """Start to compile, in a second process, the functions that a job of this kind calls last.
-
-    They are so many that both processes have compiled all at about the same time.
-    """
+    """Start to compile, in a second process, the functions that a job of this kind calls last: about half of all."""
     if config.complete:
         return
     if config.scan is not None:

@@ -126,8 +126,8 @@ def precompile(method: str, *wanted: str | Compilation) -> None:
     """Start a second process that compiles what this process needs last; this one compiles the rest meanwhile.
 
     `wanted` are questions of `exact`, "points", "rays" (of one origin) or "scattered rays", and further compilations.
-    What is needed last comes first. Where all was compiled before, there is no second process. Other methods than
-    `exact` have little to compile.
+    What is needed last comes first. Where all was compiled before, there is no second process. Questions of other
+    methods compile little, and are ignored.
     """
     if method == "exact":
         from zbuf_occlude.engines.exact.bvh import BUILDING  # late: these import numba

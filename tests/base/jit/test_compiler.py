@@ -238,7 +238,11 @@ def test_a_thread_calls_functions_while_another_imports_external_ones(package: P
     assert run(program, cwd=package.parent, NUMBA_CACHE_DIR="").split() == ["1", "2.0"]
 
 
-def test_external_functions_that_call_each_other_are_read_from_the_cache(package: Path) -> None:
+@pytest.mark.parametrize(
+    ("caller", "answer"),
+    [("inner_first", "6.0"), ("outer_first", "2.0"), ("by_closure", "2.0"), ("by_nested", "2.0"), ("by_module", "2.0")],
+)
+def test_external_functions_are_there_for_what_is_read_from_the_cache(package: Path, caller: str, answer: str) -> None:
     (package / "externals.py").write_text(
         "from package.base.jit.compiler import external, njit\n"
         "@external('float64(float64)')\ndef inner(x):\n    return x + 1.0\n"
@@ -247,15 +251,24 @@ def test_external_functions_that_call_each_other_are_read_from_the_cache(package
         "@external('float64(float64)')\ndef unused(x):\n    return x\n"
         "@njit(cache=True)\ndef inner_first(x):\n    return inner(x) + outer(x)\n"
         "@njit(cache=True)\ndef outer_first(x):\n    return outer(x) - inner(x)\n"
+        "def made(called):\n    return njit()(lambda x: called(x))\n"
+        "in_closure = made(inner)\n"
+        "@njit(cache=True)\ndef by_closure(x):\n    return in_closure(x)\n"
+        "@njit(cache=True)\ndef by_nested(x):\n    def within(y):\n        return inner(y)\n    return within(x)\n"
+        "from package import externals\n"
+        "@njit(cache=True)\ndef by_module(x):\n    return externals.inner(x)\n"
     )
     program = (
-        "from package.externals import inner_first, outer_first, unused\n"
-        "print(inner_first(1.0), outer_first(1.0), '_numba_type_' in vars(unused),\n"
-        "      sum(outer_first.stats.cache_hits.values()))"
+        "import sys\n"
+        "from package import externals\n"
+        "caller = getattr(externals, sys.argv[1])\n"
+        "print(caller(1.0), '_numba_type_' in vars(externals.unused), sum(caller.stats.cache_hits.values()))"
     )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
+    command, called = [sys.executable, "-c", program], {"cwd": package.parent, "env": environment, "text": True}
     for n_read in (0, 1):
-        found = run(program, cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
-        assert found == f"6.0 2.0 False {n_read}"
+        found = subprocess.run([*command, caller], capture_output=True, check=True, **called).stdout.split()
+        assert found == [answer, "False", str(n_read)]
 
 
 def test_threads_that_declare_functions_leave_numbas_cache_folder(package: Path) -> None:

@@ -6,6 +6,7 @@ numba takes 0.3 s to import. Functions are therefore declared without it, and co
 import gc
 import hashlib
 import importlib.util
+import inspect
 import logging
 import os
 import shutil
@@ -18,6 +19,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import IO, Any
 
 PACKAGE = Path(__file__).parents[2]
@@ -161,16 +163,28 @@ def _externals_of(function: Callable[..., Any]) -> list[External]:
     found: list[External] = []
     seen, callers = {function}, [function]
     while callers:
-        caller = callers.pop()
-        for name in caller.__code__.co_names:
-            called = caller.__globals__.get(name)
-            if isinstance(called, External | Kernel) and called._function not in seen:
-                seen.add(called._function)
-                if isinstance(called, External):
-                    found.append(called)
+        for named in _values_named_in(callers.pop()):
+            if isinstance(named, External | Kernel) and named._function not in seen:
+                seen.add(named._function)
+                if isinstance(named, External):
+                    found.append(named)
                 else:
-                    callers.append(called._function)
+                    callers.append(named._function)
     return found
+
+
+def _values_named_in(function: Callable[..., Any]) -> list[Any]:
+    """Return the values of all names in a function and those nested in it, and the attributes of modules among them."""
+    names: list[str] = []
+    codes = [function.__code__]
+    while codes:
+        code = codes.pop()
+        names += code.co_names
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    known = {**function.__globals__, **inspect.getclosurevars(function).nonlocals}
+    values = [known[name] for name in names + list(function.__code__.co_freevars) if name in known]
+    modules = [value for value in values if isinstance(value, ModuleType)]
+    return values + [getattr(module, name) for module in modules for name in names if name in vars(module)]
 
 
 @contextmanager

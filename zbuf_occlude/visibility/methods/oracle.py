@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, unit_vectors
+from zbuf_occlude.base.arrays import BoolArray, FloatArray, IntArray, as_number, unit_vectors
 from zbuf_occlude.base.errors import check_fraction
 from zbuf_occlude.base.jit.compiler import device_function
 from zbuf_occlude.base.jit.threads import next_task, parallel_for, parallel_kernel
@@ -75,6 +75,7 @@ class Oracle(VisibilityQuery):
             True if the answer stays the same when the point's end of the line is moved by `width` in eight directions
             across it, and when the contact tolerance is halved or doubled (docs/conventions.md).
         """
+        width = as_number(width, "width", "a number")
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
         still = self._still(points, eyes, answer, width, self.contact)
