@@ -42,14 +42,11 @@ _MODULES = {
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
     "mesh_views": ("visible", "depth", "views"),
-    "one_scan": ("scan",),
-    "compare_scans": ("compare-scans",),
-    "compare_drives": ("compare-drives",),
     # old names of commands of `paper`
     "experiment": ("experiment",),
     "figure": ("figure",),
 }
-"""Commands of each module whose name differs from theirs."""
+"""Commands of each module whose name is not theirs with underscores for dashes."""
 
 
 _WITH_WORKERS = {"generate"}
@@ -65,10 +62,11 @@ class LazyGroup(CommandGroup):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Return a command; its module is imported."""
-        home = next((module for module, names in _MODULES.items() if name in names), name)
+        plain = name.replace("-", "_")
+        home = next((module for module, names in _MODULES.items() if name in names), plain)
         if name not in COMMANDS and home not in _MODULES:
             return None
-        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{name.replace('-', '_')}_command")
+        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{plain}_command")
         return command
 
     def resolve_command(
