@@ -15,6 +15,7 @@ SHARES = ("3", "2/2", "-1/2", "a/b", "0/0", "5/2")
 REFUSED = [
     # words that nearly are one of a table
     ("genrate", "No such command 'genrate'. Did you mean 'generate'?"),
+    ("lists", "No such command 'lists'."),  # a module's name
     ("paper tabel2", "No such command 'tabel2'. Did you mean 'table2'?"),
     ("generate --overwrit", "No such option '--overwrit'"),
     ("generate --method exakt", "got 'exakt'. Did you mean 'exact'?"),

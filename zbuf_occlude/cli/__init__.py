@@ -42,11 +42,10 @@ _MODULES = {
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
     "mesh_views": ("visible", "depth", "views"),
-    # old names of commands of `paper`
-    "experiment": ("experiment",),
-    "figure": ("figure",),
 }
 """Commands of each module whose name is not theirs with underscores for dashes."""
+OF_PAPER = ("experiment", "figure")
+"""Old names of commands of `paper`."""
 
 
 _WITH_WORKERS = {"generate"}
@@ -62,10 +61,10 @@ class LazyGroup(CommandGroup):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Return a command; its module is imported."""
+        if name not in COMMANDS and name not in OF_PAPER:
+            return None
         plain = name.replace("-", "_")
         home = next((module for module, names in _MODULES.items() if name in names), plain)
-        if name not in COMMANDS and home not in _MODULES:
-            return None
         command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{plain}_command")
         return command
 
