@@ -90,7 +90,7 @@ def test_too_little_memory_is_one_line(run: Run, tetrahedron: Path, monkeypatch:
     def starve(*_: object, **__: object) -> None:
         raise MemoryError("Unable to allocate 745. GiB")
 
-    monkeypatch.setattr("zbuf_occlude.cli.mesh_views.sample_surface", starve)
+    monkeypatch.setattr("zbuf_occlude.cli.visible.sample_surface", starve)
     outcome = run(f"visible {tetrahedron} --method oracle --azimuth 0 --elevation 0 --out a.ply", code=1)
     assert re.fullmatch(
         r"error: out of memory; the limit is .* \(Unable to allocate 745\. GiB\)\. Reduce points, views or size\.\n",

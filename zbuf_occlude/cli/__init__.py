@@ -41,7 +41,6 @@ _MODULES = {
     "classifiers": ("train", "evaluate"),
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
-    "mesh_views": ("visible", "depth", "views"),
 }
 """Commands of each module whose name is not theirs with underscores for dashes."""
 OF_PAPER = ("experiment", "figure")

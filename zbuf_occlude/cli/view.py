@@ -13,10 +13,10 @@ from zbuf_occlude.base.extras import importing
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.point_files import columns_of, write_csv, write_pcd, write_table
 from zbuf_occlude.cli.file_frames import print_frame
-from zbuf_occlude.cli.mesh_views import warn_of_far_faces
 from zbuf_occlude.cli.scan_options import parse_sensor, sensor_options
 from zbuf_occlude.cli.shared_options import MeshPlace, Settings, explicitly_set, finite, frame_options, suffix_of
 from zbuf_occlude.cli.shell import Command, counted, echo
+from zbuf_occlude.cli.visible import warn_of_far_faces
 from zbuf_occlude.datasets.gallery import hidden_part, upright
 from zbuf_occlude.datasets.source import CloudReader, open_to_show
 from zbuf_occlude.geometry.mesh import Mesh
