@@ -1,6 +1,6 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +46,10 @@ from zbuf_occlude.cli.shared_options import (
 from zbuf_occlude.cli.shell import COMPILING, SOME_FAILED, Name, echo, progress_bar
 from zbuf_occlude.datasets.auto import AUTO, Choice, resolve
 from zbuf_occlude.datasets.folder import ORIGINAL, claim_folder
-from zbuf_occlude.datasets.formats import FORMATS, find_format
+from zbuf_occlude.datasets.formats import FORMATS, Format, find_format
 from zbuf_occlude.datasets.generate import generate, progress_of
 from zbuf_occlude.datasets.plan import FRAMES, SCALES, SUBSETS, DatasetConfig, Plan
-from zbuf_occlude.datasets.presets import PRESETS, find_preset, plan_of_originals
+from zbuf_occlude.datasets.presets import PRESETS, Preset, find_preset, plan_of_originals
 from zbuf_occlude.datasets.rehearsal import (
     is_warm,
     n_functions,
@@ -66,6 +66,8 @@ from zbuf_occlude.views.model import AXES
 from zbuf_occlude.visibility import find_method
 
 LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
+OF_MESHES = ("limit", "unit", "shapes", "labels", "classes", "splits")
+"""Options that say which meshes are taken and how they are read: arguments of `collect`."""
 
 
 def use_preset(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
@@ -187,14 +189,11 @@ def generate_command(
     /,
     meshes: tuple[Path, ...],
     out: Path,
-    shapes: str,
     preset: str | None,
     method: str,
     settings: Settings,
     format: str,
-    limit: int | None,
     up: str | None,
-    unit: str | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: tuple[int, int] | None,
@@ -233,87 +232,29 @@ def generate_command(
       zbuf-occlude generate --shapes road-users --sensor hdl-64e --range 5..50@area --views drive:8 --scale metres
       zbuf-occlude generate --shapes road-users --complete --views drive:8 --scale metres --out complete
     """
-    idle = explicitly_set(context, ("shapes",) if meshes else ("up", "unit"))
-    if idle:
-        raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
-    limits = Limits(mesh_seconds, mesh_gigabytes)
-    run = pop_engine(context, options, limits)
+    refuse_typed(context, ("shapes",) if meshes else ("up", "unit"), f"{'without' if meshes else 'with'} MESH_OR_DIR")
+    run = pop_engine(context, options, Limits(mesh_seconds, mesh_gigabytes))
     row = find_format(format)
-    if complete and (idle := explicitly_set(context, ("method", "settings"))):
-        raise click.UsageError(f"{idle[0]} must go without --complete: nothing is hidden. Leave it out.")
-    if complete and (idle := explicitly_set(context, OF_SCANS)):
-        raise click.UsageError(f"{idle[0]} must go without --complete: nothing is scanned. Leave it out.")
+    if complete:
+        refuse_typed(context, ("method", "settings"), "without --complete: nothing is hidden")
+        refuse_typed(context, OF_SCANS, "without --complete: nothing is scanned")
     complete = complete or row.complete
     scan = pop_scan_options(context, options, sampled=row.keeps_points or complete)
-    if scan is not None:
-        method = scan.method
-        if complete:
-            echo("complete clouds: whole objects as they stand before the sensor; nothing is scanned", err=True)
-    if options["scale"] == "metres" and scan is None and unit is None and not are_shapes_in_metres(context):
-        raise click.UsageError("--scale metres needs lengths in metres: give --unit of the files, or --sensor.")
-    points, density = options.pop("points"), options.pop("density")
-    options["distance"], options["farthest"] = options["distance"]
-    if options["overlap"] is not None:
-        if "overlap" not in row.options:
-            raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
-        options["overlap"] = span_of("--overlap", options["overlap"])
-    if options["depth_unit"] is not None and format not in ("frames", "bop"):
-        raise click.UsageError(f"--depth-unit is for --format frames and bop; got --format {format}. Leave it out.")
-    if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
-        points = None  # the preset's; the density was asked for
-    if points is not None and density is not None:
-        raise click.UsageError("--points and --density exclude each other; give one of them.")
-    if complete and scan is None:
-        choice = Choice("exact", "")  # never asked: it needs no OpenGL
-    else:
-        choice = Choice(method, "") if require_gpu or scan else chosen_method(context, method, settings)
-    method = choice.method
+    if scan is not None and complete:
+        echo("complete clouds: whole objects as they stand before the sensor; nothing is scanned", err=True)
+    fields = config_fields(context, options, row, scan)
+    choice = choose_method(context, method, settings, scan, complete=complete, require_gpu=require_gpu)
     wanted = None if preset is None else find_preset(preset)
-    choose = MeshCollection.interleaved if wanted is None else wanted.choose
-    collection = collect(
-        meshes,
-        up,
-        limit,
-        unit=unit,
-        out=out,
-        choose=lambda meshes: choose(row.choose_meshes(meshes)),
-        shapes=shapes,
-        colors="colors" in options["attributes"] or bool(scan and scan.transparent),
-        divide=None if options["split"] is None else lambda meshes: meshes.divided(options["split"], options["seed"]),
-        **{name: options.pop(name) for name in ("labels", "classes", "splits")},
-    )
-    read_as = taken_as(collection, up, unit, lengths_of(scan, unit))
-    echo(overview(collection, row, wanted, limited=limit is not None, read_as=read_as), err=True)
-    for remark in missing_splits(collection, options["split"], context.params["splits"]):
-        echo(remark, err=True)
-    if scan is not None:
-        check_sizes(scan, collection)
-    made = DatasetConfig(
-        method=method,
-        reason=choice.reason,
-        method_options=parse_settings(method, settings) if method != AUTO else dict(settings),
-        n_points=None if density is not None else points or 20_000,
-        density=density,
-        complete=complete,
-        scan=scan,
-        **options,
-    )
-    plan = Plan(collection, resolve(made, collection), format)
-    row.check(plan)
-    if scan is not None:
-        check_file_cameras(context, scan, plan)
-    if require_gpu and not find_method(plan.config.method).needs_gl:
-        if method != AUTO:
-            raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
-        raise GlError(
-            f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
-        )
+    collection, read_as = collect_meshes(context, row, wanted, scan)
+    plan = make_plan(context, collection, row, choice, settings, complete=complete, scan=scan, **fields)
+    if require_gpu:
+        check_renders(plan, choice.method)
     is_cold = not dry_run and not is_warm(plan.config)
     if is_cold:
         announce()
         COMPILING.total = n_functions(plan.config)
         precompile_job(plan.config)
-    warn_of_lying(collection, up)
+    warn_of_lying(collection, up)  # loads meshes, while the second process compiles
     plans = [(plan, out)]
     if wanted is not None and wanted.original and not complete:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
@@ -328,6 +269,114 @@ def generate_command(
     failed = [make_dataset(*each, run, share, read_as, overwrite, retry_failed, plans[1:]) for each in plans]
     if any(failed):
         raise SystemExit(SOME_FAILED)
+
+
+def refuse_typed(context: click.Context, names: Collection[str], how: str) -> None:
+    """Raise UsageError for options that were typed; `how` says with or without what they must go."""
+    if idle := explicitly_set(context, names):
+        raise click.UsageError(f"{idle[0]} must go {how}. Leave it out.")
+
+
+def config_fields(
+    context: click.Context, options: Mapping[str, Any], row: Format, scan: ScanConfig | None
+) -> dict[str, Any]:
+    """Return options as fields of a `DatasetConfig`; UsageError for those that exclude each other or need another."""
+    fields = {name: value for name, value in options.items() if name not in OF_MESHES}
+    if fields["scale"] == "metres" and scan is None and options["unit"] is None and not are_shapes_in_metres(context):
+        raise click.UsageError("--scale metres needs lengths in metres: give --unit of the files, or --sensor.")
+    fields["distance"], fields["farthest"] = fields["distance"]
+    if fields["overlap"] is not None:
+        if "overlap" not in row.options:
+            raise click.UsageError(f"--overlap is for --format pairs; got --format {row.name}. Leave it out.")
+        fields["overlap"] = span_of("--overlap", fields["overlap"])
+    if fields["depth_unit"] is not None and row.name not in ("frames", "bop"):
+        raise click.UsageError(f"--depth-unit is for --format frames and bop; got --format {row.name}. Leave it out.")
+    points, density = fields.pop("points"), fields["density"]
+    if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
+        points = None  # the preset's; the density was asked for
+    if points is not None and density is not None:
+        raise click.UsageError("--points and --density exclude each other; give one of them.")
+    return {**fields, "n_points": None if density is not None else points or 20_000}
+
+
+def choose_method(
+    context: click.Context,
+    method: str,
+    settings: Settings,
+    scan: ScanConfig | None,
+    *,
+    complete: bool,
+    require_gpu: bool,
+) -> Choice:
+    """Return the method that is asked: that of a scan, the typed one, or the default on this machine."""
+    if scan is not None:
+        return Choice(scan.method, "")
+    if complete:
+        return Choice("exact", "")  # never asked: it needs no OpenGL
+    return Choice(method, "") if require_gpu else chosen_method(context, method, settings)
+
+
+def collect_meshes(
+    context: click.Context, row: Format, wanted: Preset | None, scan: ScanConfig | None
+) -> tuple[MeshCollection, str]:
+    """Return the meshes, and a text on the frame of their files; print their overview and what is remarkable.
+
+    Raises OptionError as `check_sizes` does.
+    """
+    given = context.params
+    up, unit, split, seed = (given[name] for name in ("up", "unit", "split", "seed"))
+    choose = MeshCollection.interleaved if wanted is None else wanted.choose
+    collection = collect(
+        given["meshes"],
+        up,
+        out=given["out"],
+        choose=lambda meshes: choose(row.choose_meshes(meshes)),
+        colors="colors" in given["attributes"] or bool(scan and scan.transparent),
+        divide=None if split is None else lambda meshes: meshes.divided(split, seed),
+        **{name: given[name] for name in OF_MESHES},
+    )
+    read_as = taken_as(collection, up, unit, lengths_of(scan, unit))
+    echo(overview(collection, row, wanted, limited=given["limit"] is not None, read_as=read_as), err=True)
+    for remark in missing_splits(collection, split, given["splits"]):
+        echo(remark, err=True)
+    if scan is not None:
+        check_sizes(scan, collection)
+    return collection, read_as
+
+
+def make_plan(
+    context: click.Context,
+    collection: MeshCollection,
+    row: Format,
+    choice: Choice,
+    settings: Settings,
+    *,
+    scan: ScanConfig | None,
+    **fields: Any,
+) -> Plan:
+    """Return the plan of a dataset with these `fields` of its `DatasetConfig`, checked for its format and cameras."""
+    method = choice.method
+    made = DatasetConfig(
+        method=method,
+        reason=choice.reason,
+        method_options=parse_settings(method, settings) if method != AUTO else dict(settings),
+        scan=scan,
+        **fields,
+    )
+    plan = Plan(collection, resolve(made, collection), row.name)
+    row.check(plan)
+    if scan is not None:
+        check_file_cameras(context, scan, plan)
+    return plan
+
+
+def check_renders(plan: Plan, method: str) -> None:
+    """Raise an error for --require-gpu where the method does not render; `method` is as it was asked for, or `AUTO`."""
+    if find_method(plan.config.method).needs_gl:
+        return
+    if method != AUTO:
+        raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
+    raise GlError(f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`.")
 
 
 def check_file_cameras(context: click.Context, scan: ScanConfig, plan: Plan) -> None:
