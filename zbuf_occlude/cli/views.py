@@ -8,7 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude import Views, load_mesh
+from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.base.limits import Limits
@@ -27,9 +27,8 @@ from zbuf_occlude.cli.shared_options import (
 from zbuf_occlude.cli.shell import Command, echo
 from zbuf_occlude.cli.visible import warn_inside
 from zbuf_occlude.meshes.load import has_metres
-from zbuf_occlude.sensors import Sensor
+from zbuf_occlude.sensors import Sensor, inspection
 from zbuf_occlude.sensors.inspection import Coverage
-from zbuf_occlude.sensors.inspection import coverage as measure_coverage
 from zbuf_occlude.views import for_mesh
 
 MOST_LABELS = 25
@@ -89,12 +88,7 @@ def views_command(
       zbuf-occlude views part.stl --unit mm --coverage --sensor realsense-d435 --order --out order.csv
     """
     suffix = None if out is None else suffix_of(out, (".csv", ".png"))
-    if suffix == ".png" and not coverage:
-        raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
-    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "camera", "min_density"))):
-        raise click.UsageError(f"{idle[0]} must go with --coverage.")
-    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "camera", "min_density"))):
-        raise click.UsageError(f"{idle[0]} must go with --sensor.")
+    check_usage(context, suffix)
     model = None if sensor is None else parse_sensor(sensor, set_sensor, camera)
     if model is not None and unit is None and not has_metres(mesh):
         raise click.UsageError("--sensor needs lengths in metres: give --unit of the file, m if it is in metres.")
@@ -104,33 +98,70 @@ def views_command(
     if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
         raise click.UsageError("--out .csv cannot hold cameras that are rolled or look past the mesh. Use --views.")
     warn_inside(loaded, about.eyes)
-    found, seen = None, ""
+    found = None
     if coverage:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # eyes inside the box are warned of above
-            found = measure_coverage(
-                loaded, about, sensor=model, min_density=min_density, greedy=order, n_points=points, seed=seed
-            )
-        check_seen(found, model, about, min_density)
-        seen = f", {found.together[-1]:.1%} of the surface seen by any"
-        if order and (n_useful := np.count_nonzero(found.gain)):
-            seen += f", by the first {n_useful} as by all"
-    columns = columns_of_views(about, loaded.longest_side, found)
-    if out is not None and found is not None and suffix == ".png":
-        draw_coverage(out, found, about, max(int(np.count_nonzero(found.gain)), 1) if order else len(about))
-    elif out is not None:
-        if found is not None:  # where to put the camera, in the coordinates and unit of the mesh
-            columns |= dict(zip("xyz", about.eyes[found.order].T, strict=True))
-        digits = ["%.17g" if name in "xyz" else "%.9g" for name in columns]  # 9 digits resolve 5 mm at 1,000 km
-        names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
-        atomic.write(out, lambda file: np.savetxt(file, table, digits, ",", header=names, comments=""))
+        found = measure_coverage(loaded, about, model, min_density, greedy=order, n_points=points, seed=seed)
+    if out is None:
+        print_views(columns_of_views(about, loaded.longest_side, found))
+    elif found is not None and suffix == ".png":
+        draw_coverage(out, found, about, max(n_useful(found), 1) if order else len(about))
     else:
-        numbers = columns.pop("view", np.arange(len(about)))
-        echo(f"{'view':>4} " + " ".join(f"{name:>9}" for name in columns))
-        for number, *row in zip(numbers, *columns.values(), strict=True):
-            echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
+        write_views(out, columns_of_views(about, loaded.longest_side, found), about, found)
     print_frame(mesh, loaded, up, unit)  # the sum over the views stays the last line
+    seen = "" if found is None else format_coverage(found, order)
     echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
+
+
+def check_usage(context: click.Context, suffix: str | None) -> None:
+    """Raise UsageError for options without those that they must go with; `suffix` is that of --out."""
+    coverage, sensor = context.params["coverage"], context.params["sensor"]
+    if suffix == ".png" and not coverage:
+        raise click.UsageError("--out .png is a plot of the coverage; give --coverage.")
+    if not coverage and (idle := explicitly_set(context, ("order", "sensor", "set_sensor", "camera", "min_density"))):
+        raise click.UsageError(f"{idle[0]} must go with --coverage.")
+    if sensor is None and (idle := explicitly_set(context, ("set_sensor", "camera", "min_density"))):
+        raise click.UsageError(f"{idle[0]} must go with --sensor.")
+
+
+def measure_coverage(mesh: Mesh, views: Views, sensor: Sensor | None, min_density: float, **options: Any) -> Coverage:
+    """Return the coverage of a mesh by views, with more `options` of `sensors.inspection.coverage`.
+
+    Raises MeshError where they see nothing.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # eyes inside the box are warned of in the command's words
+        found = inspection.coverage(mesh, views, sensor=sensor, min_density=min_density, **options)
+    check_seen(found, sensor, views, min_density)
+    return found
+
+
+def n_useful(found: Coverage) -> int:
+    """Return the number of views that see what no view before them sees."""
+    return int(np.count_nonzero(found.gain))
+
+
+def format_coverage(found: Coverage, is_ordered: bool) -> str:
+    """Return the end of the last line: the share of the surface that any view sees, and how many views suffice."""
+    seen = f", {found.together[-1]:.1%} of the surface seen by any"
+    return seen + (f", by the first {n_useful(found)} as by all" if is_ordered and n_useful(found) else "")
+
+
+def print_views(columns: dict[str, NDArray[Any]]) -> None:
+    """Print a list of views, each with its number."""
+    numbers = columns.get("view", np.arange(len(columns["azimuth"])))
+    others = {name: values for name, values in columns.items() if name != "view"}
+    echo(f"{'view':>4} " + " ".join(f"{name:>9}" for name in others))
+    for number, *row in zip(numbers, *others.values(), strict=True):
+        echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
+
+
+def write_views(path: Path, columns: dict[str, NDArray[Any]], views: Views, found: Coverage | None) -> None:
+    """Write a list of views as CSV, with the positions of the cameras beside their coverage."""
+    if found is not None:  # where to put the camera, in the coordinates and unit of the mesh
+        columns = columns | dict(zip("xyz", views.eyes[found.order].T, strict=True))
+    digits = ["%.17g" if name in "xyz" else "%.9g" for name in columns]  # 9 digits resolve 5 mm at 1,000 km
+    names, table = ",".join(columns), np.stack(list(columns.values()), axis=1)
+    atomic.write(path, lambda file: np.savetxt(file, table, digits, ",", header=names, comments=""))
 
 
 def columns_of_views(views: Views, longest_side: float, found: Coverage | None) -> dict[str, NDArray[Any]]:
