@@ -131,6 +131,8 @@ def test_a_manifest_that_lacks_anything_that_is_read_of_it(tmp_path: Path) -> No
     for key, value, reason in (
         ("counts", {}, "no 'clouds'"),
         ("counts", [], "counts is no object"),
+        ("error", {name: value for name, value in good["error"].items() if name != "worst_view"}, "no 'worst_view'"),
+        ("cut_by_range", 1, "cut_by_range is 1"),
         ("seed", "one", 'seed is "one"'),
         ("files", {}, "it names no files"),
         ("files", {"train": []}, "it names no files"),

@@ -35,7 +35,7 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
         f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden; "
         f"of all {error['interval'][0]:.3%} to {error['interval'][1]:.3%} are wrong, with {CONFIDENCE:.0%} confidence"
     ]
-    worst = error.get("worst_view")
+    worst = error["worst_view"]
     if worst is not None and worst["share"] > BAD:
         where = f"view {worst['view']} of {worst['mesh']}"
         lines.append(
@@ -48,36 +48,36 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     """Yield warnings: lacking colours and windows, scans left out, few distinct points, cameras inside objects."""
     counts = document["counts"]
-    if n := counts.get("meshes_without_colors"):
+    if n := counts["meshes_without_colors"]:
         yield (
             f"warning: of {n} of {counted(counts['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
             f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
         )
-    if n := counts.get("meshes_with_far_faces"):
+    if n := counts["meshes_with_far_faces"]:
         yield (
             f"warning: {counted(n, 'mesh has', 'meshes have')} faces so far from most of the area that the contact "
             "tolerance is too large, and what hides is missed. Their lines in the log say which; --set contact=X helps."
         )
-    n = counts.get("meshes_without_windows")
+    n = counts["meshes_without_windows"]
     if n and n >= counts["meshes"] - counts["meshes_failed"]:
         names = ", ".join(document["options"]["scan"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
     if n := counts["views_that_see_nothing"]:
         yield f"{counted(n, 'view')} without a cloud: nothing of the object is visible, or returns"
-    if n := counts.get("scans_of_too_few_points"):
+    if n := counts["scans_of_too_few_points"]:
         least = document["options"]["scan"]["least_points"]
         yield (
             f"{counted(n, 'scan')} of {counts['clouds'] + n} left out: fewer than {least} distinct points "
             "(--least-points 0 keeps them)"
         )
-    if n := counts.get(f"clouds_of_fewer_than_{FEW}_distinct_points"):
+    if n := counts[f"clouds_of_fewer_than_{FEW}_distinct_points"]:
         total = counts["clouds"]
         yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"
-    yield from cut_off(document.get("cut_by_range"), document["options"].get("scan"))
-    if n := counts.get("cameras_raised_above_the_ground"):
+    yield from cut_off(document["cut_by_range"], document["options"]["scan"])
+    if n := counts["cameras_raised_above_the_ground"]:
         placed = f"{counted(n, 'camera')} would be below the ground or table, and stand on it"
         yield f"warning: {placed}. Choose --views from above."
-    if n := counts.get("views_inside_the_bounding_box"):
+    if n := counts["views_inside_the_bounding_box"]:
         cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
         yield f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"
 
@@ -119,7 +119,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     names = sorted({name for split in SPLITS for name in files.get(split, [])})
     others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    without = document.get("left_out", {})
+    without = document["left_out"]
     n_used = counts["meshes"] - counts["meshes_failed"] - len(without)
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
@@ -131,7 +131,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
         f"{counted(n_used, 'mesh', 'meshes')}, "
         f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on_renderer(document['renderer'])}",
         *why,
-        *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
+        *([f"warning: {document['renderer_remark']}"] if document["renderer_remark"] else []),
         format_error_rates(error, options["complete"]),
         *format_warnings(document),
         *([f"read as   {read_as}"] if read_as else []),

@@ -19,6 +19,7 @@ from zbuf_occlude.base import atomic
 from zbuf_occlude.base.atomic import LOCK, reading
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.datasets.cloud_folder import cloud_files
+from zbuf_occlude.datasets.counts import FEW
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.plan import Plan
 from zbuf_occlude.meshes.collection import SPLITS
@@ -53,23 +54,32 @@ class Each(NamedTuple):
 SOURCE: Kinds = {"sha256": str, "files": Each(list, [str, int])}
 """Schema of a `MeshSource`."""
 _SHARE = (int, float, type(None))  # None: nothing was checked
+_OBJECT = (dict, type(None))
 _OF_MANIFEST: Kinds = {
     "blank_views": Each(dict, {"n_views": int, "variation": int, "view": int, "reason": str}),
     "bytes": Each(dict, int),
     "classes": Each(list, str),
     "counts": {
         "clouds": int, "clouds_by_split": Each(dict, int), "meshes": int, "meshes_failed": int, "views": int,
-        "variations": int,
+        "variations": int, "views_that_see_nothing": int, "scans_of_too_few_points": int,
+        "views_inside_the_bounding_box": int, "cameras_raised_above_the_ground": int,
+        f"clouds_of_fewer_than_{FEW}_distinct_points": int, "meshes_without_colors": int,
+        "meshes_with_far_faces": int, "meshes_without_windows": int,
     },
-    "error": {"false_visible": _SHARE, "false_hidden": _SHARE, "interval": (list, type(None)), "n_checked": int},
+    "cut_by_range": _OBJECT,
+    "error": {
+        "false_visible": _SHARE, "false_hidden": _SHARE, "interval": (list, type(None)), "n_checked": int,
+        "bad_views": _SHARE, "worst_view": _OBJECT,
+    },
     "failures": Each(dict, str),
     "files": Each(dict, Each(list, str)),
     "fingerprint": str,
     "format": str,
     "left_out": Each(dict, str),
-    "options": {"complete": bool, "method": str, "reason": str},
+    "options": {"complete": bool, "method": str, "reason": str, "scan": _OBJECT},
     "origins": Each(dict, SOURCE),
     "renderer": str,
+    "renderer_remark": str,
     "seed": int,
     "sha256": Each(dict, str),
 }  # fmt: skip
