@@ -150,7 +150,7 @@ class DatasetConfig:
     OptionError
         A value out of range, or an unknown name.
     UnavailableError
-        `subset` needs a package that is missing.
+        The attribute colors, without Pillow.
     """
 
     method: str = "depth_buffer"
