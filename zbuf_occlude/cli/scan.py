@@ -103,7 +103,7 @@ def scan_command(
     echo(f"{len(found)} returns by {scan.sensor.name}, rays by {scan.method}{hidden}: {out}")
     lengths = lengths_of(scan, unit) or f"in {unit}"
     echo(f"{meshes[0]} read as {taken_as(collection[:1], up, unit, f'{size:.4g} m long, {lengths}')}")
-    for warning in cut_off(QualityCounts.of_cut(*capture.cut).cut, scan.to_dict()):
+    for warning in cut_off(QualityCounts(**capture.cut._asdict()).cut, scan.to_dict()):
         echo(warning, err=True)
     if picture is not None:
         draw_scan(picture, found, scan.sensor)

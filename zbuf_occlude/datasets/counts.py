@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,7 +44,10 @@ class WorstView(NamedTuple):
 
 @dataclass(frozen=True)
 class QualityCounts:
-    """Counts of what was made and what was checked."""
+    """Counts of what was made and what was checked.
+
+    Those of the limits of range have the names that `zbuf_occlude.sensors.capture.Cut` gives them.
+    """
 
     n_clouds: int = 0
     n_blind_views: int = 0  # views that see nothing, and give no cloud
@@ -86,15 +89,6 @@ class QualityCounts:
                 added[name] = mine + theirs
         return QualityCounts(**added)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the counts as plain data."""
-        return asdict(self)
-
-    @classmethod
-    def of_cut(cls, n_returns: int, n_near: int, n_far: int, clear_range: float) -> "QualityCounts":
-        """Count what limits of range cut off one scan (`sensors.capture.Cut`)."""
-        return cls(n_returns=n_returns, n_too_near=n_near, n_too_far=n_far, clear_range=clear_range)
-
     @classmethod
     def of_views(
         cls, behind: BoolArray, before: BoolArray, numbers: NDArray[np.integer[Any]], place: WorstView
@@ -119,7 +113,7 @@ class QualityCounts:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "QualityCounts":
-        """Read back what `to_dict` gave."""
+        """Read back counts that `dataclasses.asdict` gave."""
         worst = document["worst"]
         return cls(**{**document, "worst": worst and WorstView(float(worst[0]), *worst[1:])})
 

@@ -220,7 +220,7 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
             facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
             facts |= _boxes(capture, label, config)
             kept = capture.scan
-            counts += QualityCounts.of_cut(*capture.cut)
+            counts += QualityCounts(**capture.cut._asdict())
             n_distinct[number] = count_distinct(kept.positions, scan.least_points)
             if n_distinct[number] < max(2, scan.least_points):
                 blank[number] = why_no_cloud(capture, scan, places, number, int(n_distinct[number]))

@@ -44,8 +44,8 @@ class Cut(NamedTuple):
     """Returns of a target that the sensor's limits of range remove from one scan."""
 
     n_returns: int = 0  # of the target, before the limits
-    n_near: int = 0  # below `range_min`
-    n_far: int = 0  # above `range_max`
+    n_too_near: int = 0  # below `range_min`
+    n_too_far: int = 0  # above `range_max`
     clear_range: float = 0.0  # smallest `--range` at which no return is too near, metres; 0 where none is
 
 
