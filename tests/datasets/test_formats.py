@@ -91,7 +91,7 @@ def write(row: Format, source: CloudReader, out: Path) -> dict[str, list[str]]:
         for number, numbers in source.files(split):
             names[split].append(module.file_name(split, number))
             module.write(out / names[split][-1], source.take(numbers), plan, number)
-    getattr(module, "finish", lambda *arguments: None)(out, plan, names)
+    row.finish(out, plan, names)
     return names
 
 

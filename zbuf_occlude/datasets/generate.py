@@ -218,7 +218,7 @@ def finish_dataset(plan: Plan, out: Path, seconds: float) -> dict[str, Any]:
     if row.exported_from:
         return export(plan, module.read(data_folder(plan, out), plan, names), out, about)
     write_names(plan, out)
-    getattr(module, "finish", lambda *arguments: None)(out, plan, names)
+    row.finish(out, plan, names)
     shown = {split: of_split[:SHOWN] for split, of_split in names.items()}
     known = {file.name: file.sha256 for of_split in whole.files.values() for file in of_split}
     return finish_folder(plan, module.read(out, plan, shown), out, about, names, checksums(out, known, known))

@@ -262,7 +262,7 @@ def _convert(
                 known[name] = module.write(out / name, source.take(numbers), plan, number).sha256
             progress(len(numbers))
     write_names(plan, out)
-    getattr(module, "finish", lambda *arguments: None)(out, plan, names)
+    row.finish(out, plan, names)
     sha256 = checksums(out, (name for of_split in names.values() for name in of_split), known)
     return finish_folder(plan, source, out, about, names, sha256)
 

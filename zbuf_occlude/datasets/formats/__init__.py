@@ -19,6 +19,7 @@ A layout's module, in `zbuf_occlude.datasets.export`, has
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,10 @@ class Format:
         if outside := self._outside(plan.meshes):
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
+
+    def finish(self, out: Path, plan: Plan, names: Mapping[str, list[str]]) -> None:
+        """Write the lists of files that its loaders begin with, if any; `names` has those of the files by split."""
+        getattr(self.load(), "finish", lambda *arguments: None)(out, plan, names)
 
     def redrawn(self, config: DatasetConfig) -> DatasetConfig:
         """Return the configuration with which clouds of this format are drawn from all points of objects."""

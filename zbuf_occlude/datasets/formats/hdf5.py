@@ -3,7 +3,7 @@
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -41,7 +41,7 @@ def file_name(split: str, number: int) -> str:
     return f"ply_data_{split}{number}.h5"
 
 
-def finish(out: Path, plan: Plan, names: dict[str, list[str]]) -> None:
+def finish(out: Path, plan: Plan, names: Mapping[str, list[str]]) -> None:
     """Write the lists of files that the loaders begin with."""
     for split, names_of_split in names.items():
         atomic.write_lines(out / list_of(split), names_of_split)
