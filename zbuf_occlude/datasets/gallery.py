@@ -20,7 +20,7 @@ from zbuf_occlude.base import atomic
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.errors import escape_control
 from zbuf_occlude.datasets.plan import DatasetConfig
-from zbuf_occlude.datasets.records import Records
+from zbuf_occlude.datasets.records import Records, object_positions
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
 from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud
@@ -188,7 +188,7 @@ def _complete_cloud(record: Any, source: CloudReader) -> FloatArray:
     """Return points (m, 3) of the complete cloud of a cloud's object, in its axes; none where none is kept."""
     if source.complete is None or source.plan.config.complete:
         return np.empty((0, 3))
-    return _in_object_axes(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.config)
+    return object_positions(source.complete(record, COMPLETE_POINTS), record["pose"], source.plan.config)
 
 
 def hidden_part(record: Any, source: CloudReader) -> FloatArray:
@@ -203,12 +203,6 @@ def hidden_part(record: Any, source: CloudReader) -> FloatArray:
     return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
 
 
-def _in_object_axes(record: Any, pose: FloatArray, config: DatasetConfig) -> FloatArray:
-    """Return the points (n, 3) of a record, seen with a `pose`, in the object's axes and unit."""
-    positions = record["data"] / record["factor"] + record["centre"]
-    return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if config.frame == "camera" else positions)
-
-
 def upright(
     cloud: Any, config: DatasetConfig, others: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -216,7 +210,7 @@ def upright(
 
     Centre and longest side are those of all points together.
     """
-    pose, positions = cloud["pose"], _in_object_axes(cloud, cloud["pose"], config)
+    pose, positions = cloud["pose"], object_positions(cloud, cloud["pose"], config)
     together = np.concatenate([positions, others])
     low, high = together.min(axis=0), together.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place

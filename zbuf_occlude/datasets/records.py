@@ -226,6 +226,15 @@ def colors_of(points: SurfacePoints) -> NDArray[np.uint8]:
     return np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
 
 
+def object_positions(record: Any, pose: FloatArray, config: DatasetConfig) -> FloatArray:
+    """Return the points (n, 3) of a record, seen with a `pose`, where they are on its mesh.
+
+    Those of scans, and of complete clouds before a sensor, are on the mesh as it stands there.
+    """
+    positions = record["data"] / record["factor"] + record["centre"]
+    return np.asarray((positions - pose[:3, 3]) @ pose[:3, :3] if config.frame == "camera" else positions)
+
+
 def draw_points(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) -> NDArray[np.intp]:
     """Draw `size` of the visible points (None: all) in random order; some repeat only if there are fewer."""
     shuffled = rng.permutation(visible)

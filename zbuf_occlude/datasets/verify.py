@@ -20,7 +20,7 @@ from zbuf_occlude.datasets.folder import read_finished, sha256_of
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import samplings
 from zbuf_occlude.datasets.plan import Plan
-from zbuf_occlude.datasets.records import Records, gather_clouds
+from zbuf_occlude.datasets.records import Records, gather_clouds, object_positions
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.datasets.workers import Run, run_here
 from zbuf_occlude.geometry.mesh import Mesh
@@ -161,25 +161,8 @@ def verify(
     verdict = Verdict(len(mine), sum(n_clouds.values()), 0, None, faults)
     some = _some_files(files, set(jobs), plan.config.seed)
     if some and not faults and meshes is not None:
-        source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.config.seed)
-        everything = np.concatenate(list(source.order.values()))
-        records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-        by_key = _as_planned(meshes, plan)
-        scanned = plan.config.scan is not None and not plan.config.complete
-        # any mesh may stand around the target of a scan
-        mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
-        if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
-            verdict.faults.append(
-                f"the meshes given must have {lacking[0]}; they do not. Give those that the dataset was made of."
-            )
-        elif wrong := next(filter(None, (_wrong_frame(plan.meshes[i], by_key) for i in mesh_ids)), ""):
-            verdict.faults.append(wrong)
-        elif scanned:
-            _scan_again(records, plan, manifest, by_key, n_samples, verdict)
-        elif plan.config.complete:
-            _check_completeness(records, plan, manifest, by_key, verdict)
-        else:
-            _ask_oracle(records, plan, manifest, by_key, rng, verdict)
+        comparison = _Comparison(plan, manifest, _as_planned(meshes, plan), n_samples, verdict)
+        comparison.compare(row.load().read(out, plan, some))
     return verdict
 
 
@@ -210,89 +193,149 @@ def _wrong_frame(planned: MeshEntry, by_key: Mapping[str, MeshEntry]) -> str:
     return ""
 
 
-def _load(entry: MeshEntry, manifest: Mapping[str, Any]) -> Mesh:
-    """Load a mesh; raise MeshError where it cannot be used, or is not the one that the manifest names."""
-    mesh, source = entry.load(), MeshSource.from_dict(manifest["origins"][entry.key])
-    is_whole = len(mesh.origin.files) == len(source.files)  # without colours fewer files are read
-    if is_whole and mesh.origin.sha256 != source.sha256:
-        raise MeshError(
-            f"{entry.key} must have the SHA-256 {source.sha256[:12]}...; it has {mesh.origin.sha256[:12]}... ."
-        )
-    return mesh
+@dataclass
+class _Comparison:
+    """The comparison of some clouds of a dataset with their meshes; what it finds is added to the verdict."""
 
+    plan: Plan
+    manifest: Mapping[str, Any]
+    by_key: Mapping[str, MeshEntry]  # the meshes given
+    n_samples: int
+    verdict: Verdict
 
-def _scan_again(
-    records: Records,
-    plan: Plan,
-    manifest: Mapping[str, Any],
-    by_key: Mapping[str, MeshEntry],
-    n_samples: int,
-    verdict: Verdict,
-) -> None:
-    """Scan the objects of some clouds again, and compare those clouds whole.
+    def compare(self, source: CloudReader) -> None:
+        """Compare `n_samples` clouds, chosen at random by the dataset's seed."""
+        plan, rng = self.plan, np.random.default_rng(self.plan.config.seed)
+        everything = np.concatenate(list(source.order.values()))
+        records = source.take(np.sort(rng.choice(everything, min(self.n_samples, len(everything)), replace=False)))
+        scanned = plan.config.scan is not None and not plan.config.complete
+        # any mesh may stand around the target of a scan
+        mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
+        if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in self.by_key]:
+            self.verdict.faults.append(
+                f"the meshes given must have {lacking[0]}; they do not. Give those that the dataset was made of."
+            )
+        elif wrong := next(filter(None, (_wrong_frame(plan.meshes[i], self.by_key) for i in mesh_ids)), ""):
+            self.verdict.faults.append(wrong)
+        elif scanned:
+            self._scan_again(records)
+        elif plan.config.complete:
+            self._check_completeness(records)
+        else:
+            self._ask_oracle(records, rng)
 
-    The same plan gives the same bytes. A cloud that differs was made by another plan or of other meshes.
-    """
-    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.config, plan.format, plan.views)
-    for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
-        entry = remade.meshes[mesh_id]
-        try:
-            kept = [
-                gather_clouds(each.points, each.mask, each.views, plan.config, entry.key, variation)
-                for variation, each in enumerate(samplings(remade, _load(entry, manifest), mesh_id, None))
-            ]
-        except (DatasetError, MeshError, OptionError) as error:
-            verdict.faults.append(str(error))
-            continue
-        again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
-        for record in records[records["mesh_id"] == mesh_id]:
-            other = again.get((int(record["variation"]), int(record["view_id"])))
-            verdict.n_checked += len(record["data"])
-            if other is None or other["data"].tobytes() != record["data"].tobytes():
-                verdict.faults.append(
-                    f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
+    def _load(self, entry: MeshEntry) -> Mesh:
+        """Load a mesh; raise MeshError where it cannot be used, or is not the one that the manifest names."""
+        mesh, source = entry.load(), MeshSource.from_dict(self.manifest["origins"][entry.key])
+        is_whole = len(mesh.origin.files) == len(source.files)  # without colours fewer files are read
+        if is_whole and mesh.origin.sha256 != source.sha256:
+            raise MeshError(
+                f"{entry.key} must have the SHA-256 {source.sha256[:12]}...; it has {mesh.origin.sha256[:12]}... ."
+            )
+        return mesh
+
+    def _scan_again(self, records: Records) -> None:
+        """Scan the objects of some clouds again, and compare those clouds whole.
+
+        The same plan gives the same bytes. A cloud that differs was made by another plan or of other meshes.
+        """
+        plan, meshes = self.plan, MeshCollection(self.by_key[entry.key] for entry in self.plan.meshes)
+        remade = Plan(meshes, plan.config, plan.format, plan.views)
+        n_meshes = max(1, self.n_samples // plan.clouds_per_mesh)
+        for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[:n_meshes]:
+            entry = remade.meshes[mesh_id]
+            try:
+                kept = [
+                    gather_clouds(each.points, each.mask, each.views, plan.config, entry.key, variation)
+                    for variation, each in enumerate(samplings(remade, self._load(entry), mesh_id, None))
+                ]
+            except (DatasetError, MeshError, OptionError) as error:
+                self.verdict.faults.append(str(error))
+                continue
+            again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
+            for record in records[records["mesh_id"] == mesh_id]:
+                other = again.get((int(record["variation"]), int(record["view_id"])))
+                self.verdict.n_checked += len(record["data"])
+                if other is None or other["data"].tobytes() != record["data"].tobytes():
+                    self.verdict.faults.append(
+                        f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
+                    )
+
+    def _check_completeness(self, records: Records) -> None:
+        """Check that points of complete clouds lie on their faces, and are spread as the whole surface is.
+
+        The spread is compared along the three axes of the view, so that a cloud without the far side differs, by the
+        test of Kolmogorov and Smirnov. Farthest points are even in space, not by area: they need only lie on their
+        faces.
+        """
+        plan = self.plan
+        for record in records:
+            entry = self.by_key[plan.meshes[int(record["mesh_id"])].key]
+            try:
+                mesh = self._load(entry)
+                if plan.config.scan is not None:
+                    mesh, _ = in_metres(mesh, entry.label, plan.config.scan)
+            except MeshError as error:
+                self.verdict.faults.append(str(error))
+                continue
+            of_cloud = f"view {int(record['view_id'])} of {entry.key}"
+            positions = object_positions(record, record["pose"], plan.config)
+            self.verdict.n_checked += len(positions)
+            allowed = (OFF_SURFACE + 2.0 * self.manifest.get("rounding", 0.0)) * mesh.longest_side
+            away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
+            if not (away <= allowed).all():
+                self.verdict.faults.append(
+                    f"all points must lie on their faces; one of {of_cloud} is {away.max():.3g} away."
                 )
+            elif plan.config.subset != "fps":
+                seed = seed_of(plan.config.seed, entry.key + "/verify")
+                whole = sample_surface(mesh, n_points=SURFACE_POINTS, seed=seed)
+                axes = record["pose"][:3, :3].T
+                found, most = _largest_difference(np.unique(positions, axis=0) @ axes, whole.positions @ axes, allowed)
+                if found > most:
+                    self.verdict.faults.append(
+                        f"a complete cloud must be spread as the surface is; {of_cloud} differs by {found:.2f}, which "
+                        f"chance explains up to {most:.2f}."
+                    )
 
+    def _ask_oracle(self, records: Records, rng: np.random.Generator) -> None:
+        """Measure the fraction of hidden points among some points of some clouds."""
+        from zbuf_occlude.visibility.methods.oracle import BAND  # late: takes Numba
+        from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle
 
-def _world_positions(record: Any, plan: Plan) -> FloatArray:
-    """Return the points (n, 3) of a cloud where they are on its mesh, or on its mesh as it stands before a sensor."""
-    positions = record["data"] / record["factor"] + record["centre"]
-    if plan.config.frame == "camera":
-        positions = (positions - record["pose"][:3, 3]) @ record["pose"][:3, :3]
-    return np.asarray(positions, float)
-
-
-def _check_completeness(
-    records: Records, plan: Plan, manifest: Mapping[str, Any], by_key: Mapping[str, MeshEntry], verdict: Verdict
-) -> None:
-    """Check that points of complete clouds lie on their faces, and are spread as the whole surface is.
-
-    The spread is compared along the three axes of the view, so that a cloud without the far side differs, by the test
-    of Kolmogorov and Smirnov. Farthest points are even in space, not by area: they need only lie on their faces.
-    """
-    for record in records:
-        entry = by_key[plan.meshes[int(record["mesh_id"])].key]
-        try:
-            mesh = _load(entry, manifest)
-            if plan.config.scan is not None:
-                mesh, _ = in_metres(mesh, entry.label, plan.config.scan)
-        except MeshError as error:
-            verdict.faults.append(str(error))
-            continue
-        positions, of_cloud = _world_positions(record, plan), f"view {int(record['view_id'])} of {entry.key}"
-        verdict.n_checked += len(positions)
-        allowed = (OFF_SURFACE + 2.0 * manifest.get("rounding", 0.0)) * mesh.longest_side
-        away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
-        if not (away <= allowed).all():
-            verdict.faults.append(f"all points must lie on their faces; one of {of_cloud} is {away.max():.3g} away.")
-        elif plan.config.subset != "fps":
-            whole = sample_surface(mesh, n_points=SURFACE_POINTS, seed=seed_of(plan.config.seed, entry.key + "/verify"))
-            axes = record["pose"][:3, :3].T
-            found, most = _largest_difference(np.unique(positions, axis=0) @ axes, whole.positions @ axes, allowed)
-            if found > most:
-                verdict.faults.append(
-                    f"a complete cloud must be spread as the surface is; {of_cloud} differs by {found:.2f}, which "
-                    f"chance explains up to {most:.2f}."
+        n_checked = n_hidden = 0
+        for record in records:
+            try:
+                with Limits().watch():
+                    mesh = self._load(self.by_key[self.plan.meshes[int(record["mesh_id"])].key])
+            except MeshError as error:
+                self.verdict.faults.append(str(error))
+                continue
+            rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
+            some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
+            positions = object_positions(record, record["pose"], self.plan.config)[some]
+            points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
+            eye = (-rotation.T @ translation)[None]
+            with prepare_oracle(mesh) as oracle:
+                hidden = points.select(~oracle.visible(points, eye)[0])
+                # a rounded point may change its answer where the line of sight grazes the surface
+                moved = np.sqrt(3.0) * self.manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
+                n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
+            n_checked += len(points)
+        self.verdict.n_checked, self.verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
+        stated = self.manifest["error"]
+        if n_checked and stated["interval"] is not None:
+            # few pairs give a rough fraction: take the interval's upper bound for all wrong answers, and of it the
+            # share that false visible ones have
+            wrong = stated["false_visible"] + stated["false_hidden"]
+            promised = stated["interval"][1] * (stated["false_visible"] / wrong if wrong else 1.0)
+            # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
+            promised = min(1.0, promised / float(records["visible_fraction"].mean()))
+            allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
+            if n_hidden / n_checked > allowed:
+                self.verdict.faults.append(
+                    f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
+                    f"{n_hidden / n_checked:.2%} of {n_checked} are."
                 )
 
 
@@ -326,51 +369,3 @@ def _largest_difference(mine: FloatArray, others: FloatArray, slack: float) -> t
             differences.append((below - np.searchsorted(there, here + slack, side="right") / len(there)).max())
     size = len(mine) * len(others) / (len(mine) + len(others))
     return float(max(differences)), float(np.sqrt(np.log(2.0 / CHANCE) / (2.0 * size)))
-
-
-def _ask_oracle(
-    records: Records,
-    plan: Plan,
-    manifest: dict[str, Any],
-    by_key: Mapping[str, MeshEntry],
-    rng: np.random.Generator,
-    verdict: Verdict,
-) -> None:
-    """Measure the fraction of hidden points among some points of some clouds."""
-    from zbuf_occlude.visibility.methods.oracle import BAND  # late: takes Numba
-    from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle
-
-    n_checked = n_hidden = 0
-    for record in records:
-        try:
-            with Limits().watch():
-                mesh = _load(by_key[plan.meshes[int(record["mesh_id"])].key], manifest)
-        except MeshError as error:
-            verdict.faults.append(str(error))
-            continue
-        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
-        some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
-        positions = _world_positions(record, plan)[some]
-        points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
-        eye = (-rotation.T @ translation)[None]
-        with prepare_oracle(mesh) as oracle:
-            hidden = points.select(~oracle.visible(points, eye)[0])
-            # a rounded point may change its answer where the line of sight grazes the surface
-            moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
-            n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
-        n_checked += len(points)
-    verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
-    stated = manifest["error"]
-    if n_checked and stated["interval"] is not None:
-        # few pairs give a rough fraction: take the interval's upper bound for all wrong answers, and of it the share
-        # that false visible ones have
-        wrong = stated["false_visible"] + stated["false_hidden"]
-        promised = stated["interval"][1] * (stated["false_visible"] / wrong if wrong else 1.0)
-        # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
-        promised = min(1.0, promised / float(records["visible_fraction"].mean()))
-        allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
-        if n_hidden / n_checked > allowed:
-            verdict.faults.append(
-                f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
-                f"{n_hidden / n_checked:.2%} of {n_checked} are."
-            )
