@@ -192,7 +192,7 @@ def test_where_little_is_visible_points_are_found_all_the_same(device: str | Non
 def test_a_mesh_never_seen_is_an_error() -> None:
     """A flat square seen edge on from everywhere on its horizon, by a method that removes everything."""
     occlude = OnTheFlyOcclusion(16)
-    subject = occlude._subject(BALL.vertices, BALL.faces)
+    subject = occlude._subject(BALL.vertices, BALL.faces, BALL)
 
     class Blind:
         def visible(self, points: Any, eyes: Any) -> Any:

@@ -143,14 +143,10 @@ class OnTheFlyOcclusion:
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.device = None if device is None else _found(device)
         method = ("exact" if device is None else "warp") if method is None else method
-        if device is not None and (method != "warp" or "colors" in attributes):
-            what = "no colors" if method == "warp" else f"method 'warp'; got {method!r}"
-            raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
-        if device is not None and (frame != "object" or views is not None):
-            what = f"frame 'object'; got {frame!r}" if frame != "object" else "no views"
-            raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
-        if device is not None and "device" in (method_options or {}):
-            raise OptionError(f"device must be said once; got {device!r} and method_options {method_options!r}.")
+        if device is not None:
+            _check_on_device(method, attributes, frame, views)
+            if "device" in (method_options or {}):
+                raise OptionError(f"device must be said once; got {device!r} and method_options {method_options!r}.")
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))
@@ -174,36 +170,25 @@ class OnTheFlyOcclusion:
         MeshError
             The mesh has no face of any area, or nothing of it was seen from any eye.
         """
-        if hasattr(mesh, "pos") and hasattr(mesh, "face"):
-            data = copy.copy(mesh)
-            there = all(is_dense(each) and each.device == self.device for each in (mesh.pos, mesh.face))
-            pos, face = (mesh.pos, mesh.face) if there else (_array(mesh.pos), _array(mesh.face))
-            cloud = self._cloud(pos, face.T, mesh)
-            data.pos, data.face = cloud[:, :3], None
-            for column, name in enumerate(self.attributes, 1):
-                setattr(data, name.removesuffix("s"), cloud[:, 3 * column : 3 * column + 3])
-            return data
-        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-            return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
-        raise _not_a_mesh(mesh)
+        cloud = self._next(mesh)
+        if isinstance(cloud, Drawn):
+            placed = self.placement.place(cloud, has_normals="normals" in self.attributes)
+            cloud = torch.from_numpy(placed.astype(np.float32))
+        if not _is_data(mesh):
+            return cloud
+        data = copy.copy(mesh)
+        data.pos, data.face = cloud[:, :3], None
+        for column, name in enumerate(self.attributes, 1):
+            setattr(data, name.removesuffix("s"), cloud[:, 3 * column : 3 * column + 3])
+        return data
 
     def draw(self, mesh: Any, label: str = "") -> Drawn:
         """Return the cloud that another eye sees, before it is placed; not on a device. `label` is not needed."""
-        if hasattr(mesh, "pos") and hasattr(mesh, "face"):
-            return self._next(_array(mesh.pos), _array(mesh.face).T, mesh)
-        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-            return self._next(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
-        raise _not_a_mesh(mesh)
+        return self._next(mesh)
 
-    def _cloud(self, vertices: Any, faces: Any, mesh: Any) -> torch.Tensor:
-        cloud = self._next(vertices, faces, mesh)
-        if isinstance(cloud, torch.Tensor):
-            return cloud
-        placed = self.placement.place(cloud, has_normals="normals" in self.attributes)
-        return torch.from_numpy(placed.astype(np.float32))
-
-    def _next(self, vertices: Any, faces: Any, mesh: Any) -> Any:
+    def _next(self, mesh: Any) -> Any:
         """Return the next cloud of a mesh: `Drawn`, or on a device a tensor."""
+        vertices, faces = self._geometry(mesh)
         if self._process != os.getpid():
             self._process = os.getpid()
             for subject in self._subjects.values():
@@ -212,7 +197,20 @@ class OnTheFlyOcclusion:
                 use_threads(1)
         return self._subject(vertices, faces, mesh).next_cloud(self)
 
-    def _subject(self, vertices: Any, faces: Any, mesh: Any = None) -> "_Subject":
+    def _geometry(self, mesh: Any) -> tuple[Any, Any]:
+        """Return vertices (v, 3) and faces (f, 3) of a mesh: tensors that are on the device, else arrays."""
+        if _is_data(mesh):
+            there = all(is_dense(each) and each.device == self.device for each in (mesh.pos, mesh.face))
+            pos, face = (mesh.pos, mesh.face) if there else (_array(mesh.pos), _array(mesh.face))
+            return pos, face.T
+        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+            return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        raise ArgumentError(
+            f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
+            "Keep the faces: apply this transform before any that samples points."
+        )
+
+    def _subject(self, vertices: Any, faces: Any, mesh: Any) -> "_Subject":
         colors = None
         if "colors" in self.attributes:
             colors = mesh.colors if isinstance(mesh, Mesh) else of_trimesh(mesh) if hasattr(mesh, "visual") else None
@@ -380,6 +378,18 @@ def _found(device: str | torch.device) -> torch.device:
         raise OptionError(f"device must be one that PyTorch finds here; got {device!r}: {said}.") from None
 
 
+def _check_on_device(method: str, attributes: Sequence[str], frame: str, views: Views | str | None) -> None:
+    """Raise OptionError where these settings are not of clouds on a device."""
+    for is_wrong, what in (
+        (method != "warp", f"method 'warp'; got {method!r}"),
+        ("colors" in attributes, "no colors"),
+        (frame != "object", f"frame 'object'; got {frame!r}"),
+        (views is not None, "no views"),
+    ):
+        if is_wrong:
+            raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
+
+
 def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
     """Return the columns of what an eye sees."""
     if not attributes:
@@ -393,11 +403,9 @@ def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: S
     return np.concatenate(columns, axis=1)
 
 
-def _not_a_mesh(mesh: Any) -> ArgumentError:
-    return ArgumentError(
-        f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
-        "Keep the faces: apply this transform before any that samples points."
-    )
+def _is_data(mesh: Any) -> bool:
+    """Return True for a mesh that has `pos` and `face`, as PyTorch Geometric's."""
+    return hasattr(mesh, "pos") and hasattr(mesh, "face")
 
 
 def _array(values: Any) -> NDArray[Any]:
