@@ -49,7 +49,15 @@ from zbuf_occlude.base.errors import DatasetError, check_choice
 from zbuf_occlude.datasets.folder import read_finished
 from zbuf_occlude.datasets.pipeline import Sampling, standing_points
 from zbuf_occlude.datasets.plan import Numbers, Plan
-from zbuf_occlude.datasets.records import IDS, Records, ScanPoints, colors_of, gather_clouds, record_type
+from zbuf_occlude.datasets.records import (
+    IDS,
+    Records,
+    ScanPoints,
+    colors_of,
+    gather_clouds,
+    mask_of_scans,
+    record_type,
+)
 from zbuf_occlude.datasets.source import CloudReader, StoredSampling
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS
@@ -146,17 +154,12 @@ def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
     scan."""
     of_points: dict[str, NDArray[Any]] = {"position": points.positions, "face_id": points.face_ids, **points.columns}
     offsets = np.cumsum([0, *np.count_nonzero(mask, axis=1)], dtype=np.int64)
-    file = io.BytesIO()
-    for array in (offsets, places.to_rows(), _table(dict(points.facts)), _table(of_points)):
-        np.save(file, array, allow_pickle=False)
-    return file.getvalue()
+    return _saved(offsets, places.to_rows(), _table(dict(points.facts)), _table(of_points))
 
 
 def pack_places(places: Views) -> bytes:
     """Return the bytes of the table of some places of a sensor."""
-    file = io.BytesIO()
-    np.save(file, places.to_rows(), allow_pickle=False)
-    return file.getvalue()
+    return _saved(places.to_rows())
 
 
 def unpack_places(content: bytes) -> Views:
@@ -180,8 +183,15 @@ def unpack_scans(content: bytes) -> tuple[ScanPoints, BoolArray, Views]:
         columns=columns,
         facts={name: facts[name] for name in facts.dtype.names or ()},
     )
-    mask = np.repeat(np.arange(len(lengths)), lengths) == np.arange(len(lengths))[:, None]
-    return points, mask, Views.from_rows(table)
+    return points, mask_of_scans(lengths), Views.from_rows(table)
+
+
+def _saved(*arrays: NDArray[Any]) -> bytes:
+    """Return the bytes of arrays one after the other, as NumPy saves them."""
+    file = io.BytesIO()
+    for array in arrays:
+        np.save(file, array, allow_pickle=False)
+    return file.getvalue()
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> NDArray[Any]:

@@ -14,7 +14,7 @@ from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.datasets.counts import FEW, QualityCounts, WorstView
 from zbuf_occlude.datasets.plan import BOXES, DatasetConfig, Plan
-from zbuf_occlude.datasets.records import ScanPoints, further_fields
+from zbuf_occlude.datasets.records import ScanPoints, further_fields, mask_of_scans
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.far_faces import far_faces
 from zbuf_occlude.geometry.mesh import Mesh
@@ -203,10 +203,7 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
         places = _places(mesh, size, floor, scan, plan, key, seeds)
         raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, scan))
         if config.complete:
-            whole = standing_points(mesh, label, config, scan, key, variation)
-            mask = np.ones((len(places), len(whole)), dtype=bool)
-            n_visible = mask.sum(axis=1)
-            yield Sampling(whole, mask, places, raised + count_clouds(n_visible, n_visible, config), "none")
+            yield _complete(standing_points(mesh, label, config, scan, key, variation), places, raised, config)
             continue
         rng = np.random.default_rng(seed_of(config.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
@@ -226,23 +223,33 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
                 blank[number] = why_no_cloud(capture, scan, places, number, int(n_distinct[number]))
                 kept = kept.select(np.empty(0, np.intp))
             found.append((kept, facts))
-        scans = [each for each, _ in found]
-        face_ids = np.concatenate([np.where(each.instances == 0, each.face_ids, -1) for each in scans])
-        points = ScanPoints(
-            np.concatenate([each.positions for each in scans]),
-            face_ids,
-            np.concatenate([each.normals for each in scans]),
-            columns={
-                name: np.concatenate([_column(name, each, mesh, standing) for each in scans])
-                for name in further_fields(config)
-            },
-            facts={name: np.array([facts[name] for _, facts in found]) for name in found[0][1]},
-        )
-        lengths = np.array([len(each) for each in scans])
-        mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
+        lengths = np.array([len(kept) for kept, _ in found])
         counts += count_clouds(lengths, n_distinct, config)
         counts += QualityCounts(n_inside=int(standing.in_box(places.eyes).sum()))
-        yield Sampling(points, mask, places, counts, renderer, blank)
+        points = _joined(found, mesh, standing, config)
+        yield Sampling(points, mask_of_scans(lengths), places, counts, renderer, blank)
+
+
+def _complete(points: ScanPoints, places: Views, counts: QualityCounts, config: DatasetConfig) -> Sampling:
+    """Return the sampling of a whole object, of which each place has all points; its clouds are added to `counts`."""
+    mask = np.ones((len(places), len(points)), dtype=bool)
+    n_visible = mask.sum(axis=1)
+    return Sampling(points, mask, places, counts + count_clouds(n_visible, n_visible, config), "none")
+
+
+def _joined(found: list[tuple[Scan, dict[str, Any]]], mesh: Mesh, standing: Mesh, config: DatasetConfig) -> ScanPoints:
+    """Return the points of some scans one after the other, with the facts of each scan."""
+    scans = [each for each, _ in found]
+    return ScanPoints(
+        np.concatenate([each.positions for each in scans]),
+        np.concatenate([np.where(each.instances == 0, each.face_ids, -1) for each in scans]),
+        np.concatenate([each.normals for each in scans]),
+        columns={
+            name: np.concatenate([_column(name, each, mesh, standing) for each in scans])
+            for name in further_fields(config)
+        },
+        facts={name: np.array([facts[name] for _, facts in found]) for name in found[0][1]},
+    )
 
 
 def _places(mesh: Mesh, size: float, floor: float, scan: ScanConfig, plan: Plan, key: str, seeds: Seeds) -> Views:

@@ -54,6 +54,12 @@ class ScanPoints(SurfacePoints):
     facts: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
+def mask_of_scans(lengths: NDArray[np.intp]) -> BoolArray:
+    """Return the mask (k, n) of the points of each of k scans that stand one after the other; `lengths` is (k,)."""
+    scans = np.arange(len(lengths))
+    return np.asarray(np.repeat(scans, lengths) == scans[:, None])
+
+
 def record_type(config: DatasetConfig) -> np.dtype[Any]:
     """Return the type of a cloud's record; the fields become the datasets of the HDF5 file.
 
