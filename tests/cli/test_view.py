@@ -54,12 +54,12 @@ def test_the_page_is_on_loopback_and_ctrl_c_ends_it_with_one_line(cube: Path, tm
 def test_clouds_of_a_dataset_have_label_view_and_hidden_part(run: Run, tmp_path: Path) -> None:
     """Points and hidden ones lie on the cube; the camera is where its view says; the file is what is stored."""
     from zbuf_occlude.cli.view import stored_cloud
-    from zbuf_occlude.datasets.source import open_to_show
+    from zbuf_occlude.datasets.source import open_dataset
 
     write_off(tmp_path / "meshes" / "dice" / "a.off", CUBE.vertices, CUBE.faces)
     options = "--views ring:4@30 --method exact --points 800 --sample-size 100 --workers 1 --format packed"
     run(f"generate meshes {options} --out out")
-    source = open_to_show(tmp_path / "out")
+    source = open_dataset(tmp_path / "out", to_show=True)
     found = stored_cloud(source, 1)
     assert (found.title, found.facts["split"], found.facts["points"]) == ("dice", "train", "100")
     azimuth, elevation = (float(angle.rstrip("°")) for angle in found.facts["azimuth, elevation"].split(", "))
@@ -76,13 +76,13 @@ def test_clouds_of_a_dataset_have_label_view_and_hidden_part(run: Run, tmp_path:
 @pytest.mark.needs("viser")
 def test_crops_are_viewed_too(tmp_path: Path) -> None:
     from zbuf_occlude.cli.view import stored_cloud
-    from zbuf_occlude.datasets.source import open_to_show
+    from zbuf_occlude.datasets.source import open_dataset
 
     folder = tmp_path / "crops" / "car"
     folder.mkdir(parents=True)
     np.save(folder / "a.npy", np.random.default_rng(0).uniform(-1, 1, (30, 3)))
     (tmp_path / "crops" / "objects.csv").write_text("file,class,range,azimuth,elevation\ncar/a.npy,car,12.5,40,-3\n")
-    found = stored_cloud(open_to_show(tmp_path / "crops"), 0)
+    found = stored_cloud(open_dataset(tmp_path / "crops", to_show=True), 0)
     assert (found.title, found.facts["range"], found.facts["points"]) == ("car", "12.5 m", "30")
     assert found.facts["azimuth, elevation"] == "40.0°, -3.0°"
     assert found.eye is None

@@ -12,7 +12,7 @@ from zbuf_occlude.datasets.folder import read_finished
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig
-from zbuf_occlude.datasets.source import open_to_show
+from zbuf_occlude.datasets.source import open_dataset
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 LAYOUTS = ["pcn", "completion3d", "epn3d", "mvp", "projected-shapenet"]
@@ -47,7 +47,7 @@ def in_mesh(record: Any, pose: np.ndarray, frame: str) -> np.ndarray:
 
 def check(out: Path, config: DatasetConfig) -> int:
     """Partial clouds lie on the sides that their eye sees, complete ones on all six; return the number of clouds."""
-    source = open_to_show(out)
+    source = open_dataset(out, to_show=True)
     assert source.complete is not None
     records = source.take(np.concatenate(list(source.order.values())))
     for record in records:
@@ -79,7 +79,7 @@ def test_pairs_in_the_cameras_frame(format: str, scale: str, axes: str, tmp_path
     check(tmp_path / "out", made.config)
     words = {"opengl": ["right", "up", "backwards"], "opencv": ["right", "down", "forward"]}
     assert read_finished(tmp_path / "out")[1]["axes"] == words[axes]
-    source = open_to_show(tmp_path / "out")
+    source = open_dataset(tmp_path / "out", to_show=True)
     forward = 1 if axes == "opencv" else -1
     for record in source.take(np.concatenate(list(source.order.values()))):
         if scale == "mesh":  # 16 units before the camera, whose origin it is; half its diagonal is 2.3
@@ -125,11 +125,11 @@ def test_partial_clouds_of_varying_length_as_the_originals(format: str, tmp_path
 
 def test_a_lost_file_is_named(tmp_path: Path) -> None:
     generate(plan("completion3d", **changes("completion3d")), tmp_path / "out")
-    source = open_to_show(tmp_path / "out")
+    source = open_dataset(tmp_path / "out", to_show=True)
     gone = next((tmp_path / "out").glob("train/partial/*/*.h5"))
     gone.unlink()
     with pytest.raises(DatasetError, match=gone.name):
         source.take(np.arange(4))
     generate(plan("shapenet55"), tmp_path / "whole")
     with pytest.raises(DatasetError, match="shapenet55"):
-        open_to_show(tmp_path / "whole")
+        open_dataset(tmp_path / "whole", to_show=True)

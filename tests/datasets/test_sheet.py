@@ -14,7 +14,7 @@ from zbuf_occlude.datasets import gallery
 from zbuf_occlude.datasets.gallery import PANEL, TITLE, write_contact_sheet
 from zbuf_occlude.datasets.generate import generate
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
-from zbuf_occlude.datasets.source import open_to_show
+from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.geometry.camera import view_matrices
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -152,5 +152,5 @@ def test_pairs_of_a_layout_are_shown_when_it_is_made_and_when_it_is_read_back(
     plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), config, "epn3d")
     generate(plan, tmp_path / "out")
     check_pairs(tmp_path / "out" / "contact_sheet.png")
-    assert write_contact_sheet(tmp_path / "again.png", open_to_show(tmp_path / "out"))
+    assert write_contact_sheet(tmp_path / "again.png", open_dataset(tmp_path / "out", to_show=True))
     check_pairs(tmp_path / "again.png")

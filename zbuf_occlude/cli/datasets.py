@@ -26,7 +26,7 @@ from zbuf_occlude.datasets.folder import CONTACT_SHEET, GALLERY, datasets_in, re
 from zbuf_occlude.datasets.formats import FORMATS, find_format
 from zbuf_occlude.datasets.gallery import write_contact_sheet, write_gallery
 from zbuf_occlude.datasets.generate import merge, progress_of
-from zbuf_occlude.datasets.source import open_dataset, open_to_show
+from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.datasets.verify import verify
 from zbuf_occlude.datasets.workers import Run
 from zbuf_occlude.geometry.mesh import UNITS
@@ -255,7 +255,7 @@ def show_command(folder: Path, out: Path | None, table2: bool) -> None:
     out = folder if out is None else out
     _, manifest = read_finished(folder)
     out.mkdir(parents=True, exist_ok=True)
-    source = open_to_show(folder)
+    source = open_dataset(folder, to_show=True)
     write_gallery(out / GALLERY, source, manifest, folder)
     write_contact_sheet(out / CONTACT_SHEET, source)
     echo(f"gallery  {out / GALLERY}\npicture  {picture(out / CONTACT_SHEET)}")

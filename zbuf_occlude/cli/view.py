@@ -18,7 +18,7 @@ from zbuf_occlude.cli.shared_options import MeshPlace, Settings, explicitly_set,
 from zbuf_occlude.cli.shell import Command, counted, echo
 from zbuf_occlude.cli.visible import warn_of_far_faces
 from zbuf_occlude.datasets.gallery import hidden_part, upright
-from zbuf_occlude.datasets.source import CloudReader, open_to_show
+from zbuf_occlude.datasets.source import CloudReader, open_dataset
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.sensors import SENSORS
@@ -145,7 +145,7 @@ def view_dataset(folder: Path, served: dict[str, Any]) -> "Viewer":
     """Return the viewer of the clouds of a dataset."""
     from zbuf_occlude.drawing.viewer import CloudsViewer
 
-    source = open_to_show(folder)
+    source = open_dataset(folder, to_show=True)
     numbers = list(dict.fromkeys(np.concatenate(list(source.order.values())).tolist()))
     echo(f"{counted(len(numbers), 'cloud')}, {counted(len(source.plan.classes), 'class', 'classes')}: {folder}")
     return CloudsViewer(len(numbers), lambda place: stored_cloud(source, numbers[place]), **served)

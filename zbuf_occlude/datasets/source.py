@@ -90,11 +90,12 @@ class CloudReader:
             yield self.take(numbers[start : start + size])
 
 
-def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
+def open_dataset(folder: Path, redrawn: Plan | None = None, *, to_show: bool = False) -> CloudReader:
     """Return the clouds of a complete dataset, or of a folder of cloud files by class.
 
     `redrawn` is another plan of the same meshes, by which the clouds of a packed dataset are drawn and ordered. A
-    damaged dataset is a DatasetError, and so is a published layout that is not read back.
+    damaged dataset is a DatasetError, and so is a published layout; `to_show` reads layouts of completion too, z up
+    again.
     """
     if not (folder / PLAN).exists() and cloud_files(folder):
         clouds = CloudFolder(folder)
@@ -102,34 +103,15 @@ def open_dataset(folder: Path, redrawn: Plan | None = None) -> CloudReader:
     plan, manifest = read_finished(folder)
     row = find_format(plan.format)
     assert redrawn is None or row.whole_objects  # no other has the points to draw from
-    if row.exported_from:
-        raise _not_read_back(folder, plan)
-    return _checked(folder, row.load().read(folder, redrawn or plan, manifest["files"]), manifest)
-
-
-def open_to_show(folder: Path) -> CloudReader:
-    """Return clouds as `open_dataset`, or those of a layout of completion, z up again."""
-    if not (folder / PLAN).exists() and cloud_files(folder):
-        return open_dataset(folder)
-    plan, manifest = read_finished(folder)
-    read = getattr(find_format(plan.format).load(), "read", None)
+    read = getattr(row.load(), "read", None) if to_show or not row.exported_from else None
     if read is None:
-        raise _not_read_back(folder, plan)
-    return _checked(folder, read(folder, plan, manifest["files"]), manifest)
-
-
-def _not_read_back(folder: Path, plan: Plan) -> DatasetError:
-    row = find_format(plan.format)
-    cure = f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
-    if row.from_meshes:
-        cure = "Make the format that you need from the meshes, by `zbuf-occlude generate`."
-    return DatasetError(
-        f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. {cure}"
-    )
-
-
-def _checked(folder: Path, source: CloudReader, manifest: Mapping[str, Any]) -> CloudReader:
-    """Return the clouds of a folder; raise DatasetError unless there are as many as its manifest counts."""
+        cure = f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
+        if row.from_meshes:
+            cure = "Make the format that you need from the meshes, by `zbuf-occlude generate`."
+        raise DatasetError(
+            f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. {cure}"
+        )
+    source: CloudReader = read(folder, redrawn or plan, manifest["files"])
     if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
         raise DatasetError(
             f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"
