@@ -29,7 +29,7 @@ from zbuf_occlude.meshes.labels import SPLIT_WORDS
 OBJECTS = "objects.csv"
 """Name of the table of a folder's clouds."""
 _ANGLES = ("azimuth", "elevation")
-_RECIPE = DatasetConfig(method="none", views="ring:1@0", n_points=1, sample_size=None, scale="mesh")
+_CONFIG = DatasetConfig(method="none", views="ring:1@0", n_points=1, sample_size=None, scale="mesh")
 """Settings of clouds that were not generated: every point of each, as in its file."""
 
 
@@ -56,7 +56,7 @@ class CloudFolder:
                 f"{folder / OBJECTS} must list clouds of its folder; {gone[0]!r}{several} is not there. "
                 "Copy the clouds again, or delete their rows."
             )
-        self.plan = Plan(MeshCollection(entries), _RECIPE, "ply")
+        self.plan = Plan(MeshCollection(entries), _CONFIG, "ply")
         numbers = np.arange(len(entries))
         if any(len(path.relative_to(folder).parts) == 3 for path in self.paths):
             splits = {split: numbers[self.plan.split_of == SPLITS.index(split)] for split in self.plan.splits}
@@ -87,7 +87,7 @@ class CloudFolder:
 
         The middle of the box of each is its `centre`: float32 would round the shape of a georeferenced cloud.
         """
-        records = np.zeros(len(numbers), record_type(_RECIPE))
+        records = np.zeros(len(numbers), record_type(_CONFIG))
         for row, number in enumerate(numbers.tolist()):
             entry = self.plan.meshes[number]
             points = read_points(self.paths[number])
