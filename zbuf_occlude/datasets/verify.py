@@ -74,7 +74,7 @@ class VerifyTask:
 
     needs_gl = False
 
-    def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> FileVerdict:
+    def do(self, job: str, gl: Any, lost: Any = None, on_mesh: Any = None) -> FileVerdict:
         """Verify a file."""
         if not (self.out / job).is_file():
             return FileVerdict([f"{job} must be there; it is missing."], {})

@@ -176,9 +176,9 @@ class BopWriter:
         self,
         folder: str | os.PathLike[str],
         *,
-        background: Collection[str] = BACKGROUND,
-        unit: float | None = None,
-        method: str = "exact",
+        background: Collection[str],
+        unit: float | None,
+        method: str,
         **options: Any,
     ) -> None:
         if unit is not None:

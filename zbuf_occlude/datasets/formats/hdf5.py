@@ -47,7 +47,7 @@ def finish(out: Path, plan: Plan, names: Mapping[str, list[str]]) -> None:
         atomic.write_lines(out / list_of(split), names_of_split)
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
+def write(path: Path, records: Records, plan: Plan, number: int) -> FileDigest:
     """Write one file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
 
     def fill(file: IO[bytes]) -> None:

@@ -19,7 +19,7 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.npz"
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
+def write(path: Path, records: Records, plan: Plan, number: int) -> FileDigest:
     """Write one archive."""
     fields = to_arrays(records, plan.config)
     return atomic.write_data(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]

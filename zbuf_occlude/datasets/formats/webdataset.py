@@ -35,7 +35,7 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.tar"
 
 
-def write(path: Path, records: Records, plan: Plan, number: int = 0) -> FileDigest:
+def write(path: Path, records: Records, plan: Plan, number: int) -> FileDigest:
     """Write one tar file, whose first cloud has the number `number` times `CLOUDS_PER_FILE`."""
 
     def fill(file: IO[bytes]) -> None:

@@ -58,11 +58,11 @@ class _Split(_Opened):
     def __init__(
         self,
         folder: str | os.PathLike[str],
-        split: str = "train",
+        split: str,
         *,
-        n_points: int | None = None,
-        transform: Transform | None = None,
-        attributes: Sequence[str] = (),
+        n_points: int | None,
+        transform: Transform | None,
+        attributes: Sequence[str],
     ) -> None:
         super().__init__(folder, split)
         source, self.transform = self.source, transform
