@@ -9,7 +9,7 @@ of such meshes. Asked are points from eyes, and first hits: of a picture, of a L
 --quick takes a few of both, --scene and --question those whose names match, as *. Each repetition builds all sides from
 arrays, and asks all sides each question in turn; medians count. A cell is *fresh* with the building, else *again*.
 Its ratio is that of the fastest peer's seconds to those of `exact`. Peers' rays are made beforehand, which is not
-counted. Of more than `MOST_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with
+counted. Of more than `MAX_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with
 all. --processors takes seconds of all threads instead of the clock's: a busy machine changes them less.
 
 --isa limits `exact`, by numba's settings, to an instruction set that the processor has. The peers always take the best
@@ -47,7 +47,7 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.drawing.pictures import canvas
 
-MOST_PAIRS = 2_000_000
+MAX_PAIRS = 2_000_000
 EYES_AWAY = 2.0
 """Distance of eyes from the middle, in longest sides."""
 QUICK = (
@@ -341,7 +341,7 @@ def cells_of(
                 continue
             points = zo.sample_surface(mesh, n_points=question.n_points, seed=0)
             eyes = mesh.centre + mesh.longest_side * zo.views.fibonacci(question.n_eyes, distance=EYES_AWAY).eyes
-            some = range(0, len(eyes), -(-len(eyes) * len(points) // MOST_PAIRS))
+            some = range(0, len(eyes), -(-len(eyes) * len(points) // MAX_PAIRS))
             ours = timed(name, "exact", partial(occluder.visible, points, eyes))
             for side, each in sides.items():
                 spent = 0.0

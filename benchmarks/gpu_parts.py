@@ -170,7 +170,7 @@ DEPTH_BUFFERS: dict[str, tuple[str, dict[str, Any]]] = {
     "depth_buffer, refine=none": ("depth_buffer", {"refine": "none"}),
 }
 """Methods and options that are wrong now and then."""
-MOST_TESTS = 2e8
+MAX_TESTS = 2e8
 """Pairs of line and face that the oracle tests on a mesh to tell which wrong answers lie in the boundary band."""
 
 
@@ -247,7 +247,7 @@ def views_near_and_far(mesh: zo.Mesh) -> zo.views.Views:
 def wrong_outside_band(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: FloatArray, wrong: BoolArray) -> int:
     """Count wrong answers outside the boundary band; of very many, a random few are looked at."""
     where = np.argwhere(wrong)
-    n_tested = min(len(where), int(MOST_TESTS / (10 * len(mesh.faces))))
+    n_tested = min(len(where), int(MAX_TESTS / (10 * len(mesh.faces))))
     some = np.random.default_rng(0).permutation(where)[:n_tested]
     outside = 0
     with zo.prepare(mesh, "oracle") as oracle:

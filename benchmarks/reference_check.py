@@ -20,7 +20,7 @@ from tests.rational import sees
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.visibility.methods import oracle
 
-MOST_DISPUTES = 300
+MAX_DISPUTES = 300
 """This many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
 
 
@@ -69,9 +69,9 @@ def decide(
 ) -> tuple[int, int, int]:
     """Count the disputes that the oracle wins, that its rival wins, and those of the latter outside the band."""
     disputes = np.argwhere(differs)
-    if len(disputes) > MOST_DISPUTES:
-        print(f"    (deciding {MOST_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
-        disputes = disputes[np.linspace(0, len(disputes) - 1, MOST_DISPUTES).astype(int)]
+    if len(disputes) > MAX_DISPUTES:
+        print(f"    (deciding {MAX_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
+        disputes = disputes[np.linspace(0, len(disputes) - 1, MAX_DISPUTES).astype(int)]
     proved = [sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) for j, i in disputes]
     right = np.array(proved, dtype=bool) == truth[tuple(disputes.T)]
     outside = decided[tuple(disputes.T)] & ~right

@@ -44,7 +44,7 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05
-LEAST_SAMPLES = 50
+MIN_SAMPLES = 50
 """A worker that made fewer shards has no life to speak of."""
 COMPARED = 5
 """This many of a plan's first and of its last shards are made again."""
@@ -135,7 +135,7 @@ def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
         report["renders"] += plan.n_clouds
     report["workers"] = len(lives) - 1
     report["seconds"] = time.perf_counter() - began
-    report["lives"] = [judged(name, memory) for name, memory in lives.items() if len(memory) >= LEAST_SAMPLES]
+    report["lives"] = [judged(name, memory) for name, memory in lives.items() if len(memory) >= MIN_SAMPLES]
     return report
 
 

@@ -21,7 +21,7 @@ from zbuf_occlude.meshes.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
-from zbuf_occlude.views.model import AXES, MOST_PIXELS, with_axes
+from zbuf_occlude.views.model import AXES, MAX_PIXELS, with_axes
 from zbuf_occlude.visibility import check_keywords, find_method, precompile, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -32,7 +32,7 @@ ROUNDS = 8
 """Maximum sampling rounds; after them points are repeated."""
 PER_POINT = 4
 """Points sampled in the first round per point wanted: most eyes see a third of the surface or more."""
-LEAST_FRACTION = 0.02
+MIN_FRACTION = 0.02
 """Smallest visible share assumed for the sample size of later rounds."""
 
 
@@ -255,8 +255,8 @@ def depth_image(
     mesh = as_mesh(mesh, up=up, unit=unit)
     precompile(method, "rays")
     check_int("resolution", resolution, 1)
-    if resolution**2 > MOST_PIXELS:
-        raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")
+    if resolution**2 > MAX_PIXELS:
+        raise ArgumentError(f"resolution must be at most {math.isqrt(MAX_PIXELS)} pixels; got {resolution}.")
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
         view = view.looking(None, field_of_view(fov))
@@ -317,7 +317,7 @@ def _visible(
         n_sampled, n_found = n_sampled + len(points), n_found + len(parts[-1])
         if n_found >= wanted:
             break
-        share = max(n_found / max(n_sampled, 1), LEAST_FRACTION)
+        share = max(n_found / max(n_sampled, 1), MIN_FRACTION)
         size = {"n_points": math.ceil(1.15 * (wanted - n_found) / share)}
     if not n_sampled:
         raise MeshError(f"density {density:g} gives no point on an area of {mesh.areas.sum():g}. Raise it.")

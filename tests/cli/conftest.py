@@ -74,7 +74,7 @@ def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: Non
 @pytest.fixture(autouse=True)
 def brief_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limit `--dry-run` to one mesh; tests/datasets/test_estimate.py tests the full estimate."""
-    monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.LEAST_MESHES", 1)
+    monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.MIN_MESHES", 1)
     monkeypatch.setattr("zbuf_occlude.datasets.rehearsal.SECONDS", 0.0)
 
 

@@ -51,7 +51,7 @@ def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str
 def test_a_damaged_shard_is_reported_and_made_again(
     run: Run, modelnet: Path, tmp_path: Path, format: str, damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.datasets.plan.FEWEST_PER_SHARD", 8)
+    monkeypatch.setattr("zbuf_occlude.datasets.plan.MIN_PER_SHARD", 8)
     dataset, line = tmp_path / "clouds", f"generate {modelnet} {SMALL} --format {format}"
     run(f"{line} --out whole")
     run(f"{line} --out clouds --shard 0/2")

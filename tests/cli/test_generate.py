@@ -142,7 +142,7 @@ def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, mode
 def test_shares_made_one_by_one_are_the_same_dataset(
     run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.datasets.plan.FEWEST_PER_SHARD", 8)  # two meshes a shard
+    monkeypatch.setattr("zbuf_occlude.datasets.plan.MIN_PER_SHARD", 8)  # two meshes a shard
     line = f"generate {modelnet} {SMALL}"
     run(f"{line} --out whole")
     first = run(f"{line} --out parts --shard 0/2")

@@ -76,7 +76,7 @@ def test_halves_and_a_damaged_one_are_the_whole(
     run: Run, pcn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each object a shard: one is made, then damaged, then the other; the rest is made again."""
-    monkeypatch.setattr("zbuf_occlude.datasets.plan.FEWEST_PER_SHARD", 8)
+    monkeypatch.setattr("zbuf_occlude.datasets.plan.MIN_PER_SHARD", 8)
     run(f"generate {SCANS} --out halves --shard 0/2")
     archive = tmp_path / "halves" / "shards" / "packed-000000.zip"
     archive.write_bytes(archive.read_bytes()[:-10])

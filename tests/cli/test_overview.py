@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.cli.messages import MOST_ROWS, overview
+from zbuf_occlude.cli.messages import MAX_ROWS, overview
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -88,6 +88,6 @@ def test_many_classes_are_cut_short_and_counted() -> None:
         MeshEntry(f"{i}/{j}", f"class{i:03}", "train", lambda: None) for i in range(100) for j in range(2 + i // 50)
     ]  # type: ignore[arg-type,return-value]
     rows = table(overview(MeshCollection(entries), find_format("hdf5")))
-    assert len(rows) == MOST_ROWS + 3
+    assert len(rows) == MAX_ROWS + 3
     assert rows[-2] == ["40", "more", "80"]
     assert rows[-1] == ["100", "classes", "250"]

@@ -51,7 +51,7 @@ def collection(n_meshes: int) -> MeshCollection:
 def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_shard: int) -> None:
     """Cut datasets finely."""
     monkeypatch.setattr(plans, "CLOUDS_PER_FILE", per_file)
-    monkeypatch.setattr(plans, "FEWEST_PER_SHARD", per_shard)
+    monkeypatch.setattr(plans, "MIN_PER_SHARD", per_shard)
     monkeypatch.setattr(plans, "FILES_PER_SHARD", per_shard)
 
 

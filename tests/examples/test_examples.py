@@ -13,7 +13,7 @@ from zbuf_occlude import METHODS
 from zbuf_occlude.meshes.load import load_cloud
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FEWEST, MOST = 20, 60
+MIN_LINES, MAX_LINES = 20, 60
 """Lines of a script that is short enough to be copied."""
 
 
@@ -86,7 +86,7 @@ def test_your_own_method(run) -> None:
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_an_example_can_be_copied_in_one_look(path: Path) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert FEWEST <= len(lines) <= MOST
+    assert MIN_LINES <= len(lines) <= MAX_LINES
     assert f"python {path.name}" in lines[0]
     assert f"test_{path.stem}" in globals(), "each example has a test of what it does"
 

@@ -114,17 +114,17 @@ def test_a_mesh_whose_texture_is_missing_says_so_and_keeps_its_materials_colour(
     mesh, points = sampled(path)
     assert (points.colors == [0, 255, 0]).all()
     assert not mesh.colors.is_whole
-    assert mesh.colors.lacking == ("texture gone.png: 'gone.png': there is no such file. Check the path.",)
+    assert mesh.colors.warnings == ("texture gone.png: 'gone.png': there is no such file. Check the path.",)
     path.with_name("quad.mtl").unlink()
     mesh, points = sampled(path)
     assert (points.colors == GREY).all()
-    assert "quad.mtl" in mesh.colors.lacking[0]
+    assert "quad.mtl" in mesh.colors.warnings[0]
 
 
 @pytest.mark.parametrize("texture", [b"", b"no picture", png(TEXELS)[:45]], ids=["empty", "text", "cut"])
 def test_a_damaged_texture_is_lacking_and_no_error(tmp_path: Path, texture: bytes) -> None:
     mesh, points = sampled(write_quad(tmp_path, "newmtl painted\nmap_Kd texture.png\n", texture=texture))
-    assert len(mesh.colors.lacking) == 1
+    assert len(mesh.colors.warnings) == 1
     assert (points.colors == GREY).all()
 
 
@@ -182,7 +182,7 @@ def test_materials_and_textures_whose_case_differs_are_found(tmp_path: Path, pac
         (root / "id" / "models" / "quad.mtl").write_text("newmtl painted\nKd 1 0 0\n")
         assert np.unique(sampled(root / "id" / "models" / "quad.obj")[1].colors, axis=0).tolist() == [[255, 0, 0]]
         (root / "id" / "models" / "quad.mtl").write_text("newmtl painted\nmap_Kd ../../images/t.png\n")
-        assert sampled(root / "id" / "models" / "quad.obj")[0].colors.lacking
+        assert sampled(root / "id" / "models" / "quad.obj")[0].colors.warnings
 
 
 def test_textures_named_by_a_place_on_another_machine_are_found_by_their_name(tmp_path: Path) -> None:
@@ -205,14 +205,14 @@ def test_a_texture_of_too_many_texels_is_not_decoded(tmp_path: Path) -> None:
     buffer = io.BytesIO()
     Image.new("1", (12_000, 12_000)).save(buffer, "PNG")
     mesh, _ = sampled(write_quad(tmp_path, "newmtl painted\nmap_Kd texture.png\n", texture=buffer.getvalue()))
-    assert "at most 134,217,728 texels" in mesh.colors.lacking[0]
+    assert "at most 134,217,728 texels" in mesh.colors.warnings[0]
 
 
 def test_textures_far_away_are_not_read(tmp_path: Path) -> None:
     (tmp_path / "secret.png").write_bytes(png(TEXELS))
     for named in ("../../secret.png", str(tmp_path / "secret.png")):
         path = write_quad(tmp_path / "id" / "models", f"newmtl painted\nmap_Kd {named}\n")
-        assert sampled(path)[0].colors.lacking
+        assert sampled(path)[0].colors.warnings
 
 
 @pytest.mark.parametrize("most", [1.0, 1.0000001, 255.0])
@@ -392,7 +392,7 @@ def test_a_texture_of_gltf_that_is_no_base64_is_lacking(tmp_path: Path) -> None:
     material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [0, 1, 0, 1]}}
     mesh, points = sampled(write_gltf(tmp_path / "a.gltf", material, extra=image))
     assert np.unique(points.colors, axis=0).tolist() == [[0, 255, 0]]
-    assert "must be base64" in mesh.colors.lacking[0]
+    assert "must be base64" in mesh.colors.warnings[0]
 
 
 def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ import numpy as np
 from zbuf_occlude.base.arrays import LARGEST, FloatArray
 from zbuf_occlude.base.errors import ArgumentError, OptionError, describe, escape_control, shown
 
-MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
-MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
+MAX_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
+MAX_ROWS, MAX_COLUMNS, MAX_CELLS = 1_000_000, 1_000, 8_000_000
 """Limits of a document. Larger ones would take a gigabyte or, for YAML, seconds."""
 MAX_LINE_LENGTH = 1000
 """Maximum characters of a name, a source, a path."""
@@ -120,7 +120,7 @@ def as_new_path(value: Any, name: str) -> Path:
 def read_limited(path: str | os.PathLike[str]) -> bytes:
     """Return the content of a document; raise OptionError if it cannot be read or is too large."""
     path = as_path(path, "path")
-    most = max(MOST_BYTES.values())
+    most = max(MAX_BYTES.values())
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe may never end
             raise ValueError("it must be a file, and is a device or a pipe; copy it into a file")
@@ -151,8 +151,8 @@ def parse_document(form: str, data: bytes, name: str | Path) -> Any:
     """
     parsers: dict[str, Callable[[bytes], Any]] = {"JSON": _json, "YAML": _yaml, "CSV": _csv}
     said = f"{escape_control(str(name))} must be {form}"
-    if len(data) > MOST_BYTES[form]:
-        raise OptionError(f"{said} of at most {MOST_BYTES[form]:,} bytes; it has more. Split it.")
+    if len(data) > MAX_BYTES[form]:
+        raise OptionError(f"{said} of at most {MAX_BYTES[form]:,} bytes; it has more. Split it.")
     try:
         return parsers[form](data)
     except Exception as error:  # parsers may raise any exception on damaged text
@@ -186,13 +186,13 @@ def _json(data: bytes) -> Any:
 
 def _csv(data: bytes) -> Columns:
     text = io.StringIO(data.decode("utf-8-sig"), newline=None)
-    if next(filter(str.strip, text), "").count(",") >= MOST_COLUMNS:  # before parsing
-        raise ValueError(f"it must have at most {MOST_COLUMNS:,} columns")
+    if next(filter(str.strip, text), "").count(",") >= MAX_COLUMNS:  # before parsing
+        raise ValueError(f"it must have at most {MAX_COLUMNS:,} columns")
     text.seek(0)
     reader = csv.reader(text, skipinitialspace=True)
     names = [escape_control(name.strip().lower()) for name in next(filter(None, reader), [])]
     _check_distinct(list(filter(None, names)))
-    most = min(MOST_ROWS, MOST_CELLS // max(len(names), 1))
+    most = min(MAX_ROWS, MAX_CELLS // max(len(names), 1))
     rows, lines = list[list[str]](), list[int]()
     for row in islice(filter(None, reader), most + 1):
         rows.append(row[: len(names)])

@@ -24,7 +24,7 @@ from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, pr
 from zbuf_occlude.datasets.auto import AUTO
 from zbuf_occlude.datasets.plan import DatasetConfig
 from zbuf_occlude.studies.compare.cases import (
-    MOST_VIEWS,
+    MAX_VIEWS,
     SCALING,
     Case,
     Subject,
@@ -68,7 +68,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
 @click.option("--views", default="paper100", help=VIEWS)
 @distance_option
 @click.option(
-    "--most-views", type=click.IntRange(1), default=MOST_VIEWS, help="Maximum number of views compared, evenly chosen."
+    "--most-views", type=click.IntRange(1), default=MAX_VIEWS, help="Maximum number of views compared, evenly chosen."
 )
 @click.option("--points", type=click.IntRange(1), default=10_000, help="Points sampled on each mesh.")
 @click.option(

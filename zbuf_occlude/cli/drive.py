@@ -24,7 +24,7 @@ SPEED = (10.0, 0.0, 0.0)
 """Default velocity, metres a second."""
 SWEEPS = 20
 """Default number of sweeps without a trajectory."""
-MOST_SWEEPS = 1_000_000
+MAX_SWEEPS = 1_000_000
 """Maximum sweeps: SemanticKITTI's names of files have six digits."""
 
 
@@ -95,8 +95,8 @@ def drive_command(
     motion = _motion(options)
     held = sweeps_held(sensors, motion)
     n_sweeps = sweeps or (SWEEPS if held is None else max(held, 1))
-    if n_sweeps > MOST_SWEEPS:
-        raise OptionError(f"a sequence must have at most {MOST_SWEEPS:,} sweeps; it has {n_sweeps:,}. Give --sweeps N.")
+    if n_sweeps > MAX_SWEEPS:
+        raise OptionError(f"a sequence must have at most {MAX_SWEEPS:,} sweeps; it has {n_sweeps:,}. Give --sweeps N.")
     path = _path(motion, n_sweeps * sensors.period)
     placed = _placed(scene, path, seed)
     world = Scene.joined(placed, rng=np.random.default_rng(seed_of(seed, "drive/albedo")))

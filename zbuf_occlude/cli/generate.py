@@ -249,20 +249,21 @@ def generate_command(
     plan = make_plan(context, collection, row, choice, settings, complete=complete, scan=scan, **fields)
     if require_gpu:
         check_renders(plan, choice.method)
-    is_cold = not dry_run and not is_warm(plan.config)
+    plans = [(plan, out)]
+    if wanted is not None and wanted.original and not complete:
+        plans.append((plan_of_originals(plan), out / ORIGINAL))
+    if dry_run:
+        warn_of_lying(collection, up)
+        report_plans(plans, overwrite, require_gpu)
+        return
+    if not needs_no_check(plan.config):
+        smoke_test(plan.config, require_gpu)
+    is_cold = not is_warm(plan.config)
     if is_cold:
         announce()
         COMPILING.total = n_functions(plan.config)
         precompile_job(plan.config)
     warn_of_lying(collection, up)  # loads meshes, while the second process compiles
-    plans = [(plan, out)]
-    if wanted is not None and wanted.original and not complete:
-        plans.append((plan_of_originals(plan), out / ORIGINAL))
-    if dry_run:
-        report_plans(plans, overwrite, require_gpu)
-        return
-    if not needs_no_check(plan.config):
-        smoke_test(plan.config, require_gpu)
     if is_cold:
         warm_up_jit(plan.config)
     share = share_of(shard)

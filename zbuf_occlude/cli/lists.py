@@ -65,7 +65,7 @@ def methods_command(as_json: bool) -> None:
             echo(f"    cannot run here: {row['missing']}")
 
 
-MOST_SHOWN = 8
+MAX_SHOWN = 8
 """Maximum entries printed of a list of numbers."""
 
 
@@ -123,8 +123,8 @@ def _sensor_lines(sensor: Sensor) -> list[str]:
 
 def _format_value(value: Any) -> str:
     if isinstance(value, list):
-        shown = ", ".join(map(_format_value, value[:MOST_SHOWN]))
-        return f"[{shown}, ... {len(value)} in all]" if len(value) > MOST_SHOWN else f"[{shown}]"
+        shown = ", ".join(map(_format_value, value[:MAX_SHOWN]))
+        return f"[{shown}, ... {len(value)} in all]" if len(value) > MAX_SHOWN else f"[{shown}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -143,7 +143,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
     return "\n".join(lines)
 
 
-MOST_ROWS = 60
+MAX_ROWS = 60
 """Maximum number of classes shown; of more, the largest."""
 
 
@@ -166,7 +166,7 @@ def _table(counts: Counter[tuple[str, str]]) -> list[str]:
     totals = Counter[str]()
     for (label, _), count in counts.items():
         totals[label] += count
-    shown = sorted(label for label, _ in totals.most_common(MOST_ROWS))
+    shown = sorted(label for label, _ in totals.most_common(MAX_ROWS))
     width = min(40, max(len("class"), *map(len, shown)))
     rows = [("class", *splits), *((label, *(counts[label, split] for split in splits)) for label in shown)]
     if hidden := len(totals) - len(shown):

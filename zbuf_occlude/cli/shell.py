@@ -92,7 +92,7 @@ def progress_bar(total: float, unit: str, what: str, **more: Any) -> Any:
 
 ON_SCREEN, IN_A_FILE = 0.1, 5.0
 """Seconds between two updates of a bar."""
-LEAST_MEMORY = 768 * 2**20
+MIN_MEMORY = 768 * 2**20
 """Minimum address space in bytes: LLVM aborts with 500 MB; a small dataset is made with 800 MB."""
 
 
@@ -106,10 +106,10 @@ def check_surroundings() -> None:
     if threads.lstrip("+-").isdecimal() and int(threads) < 1:
         raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")
     allowed = address_space()
-    if allowed is not None and allowed < LEAST_MEMORY:
+    if allowed is not None and allowed < MIN_MEMORY:
         raise OccludeError(
-            f"the limit of address space must be at least {LEAST_MEMORY // 1024:,} kB; it is "
-            f"{allowed // 1024:,} kB. Raise it: ulimit -v {LEAST_MEMORY // 1024}."
+            f"the limit of address space must be at least {MIN_MEMORY // 1024:,} kB; it is "
+            f"{allowed // 1024:,} kB. Raise it: ulimit -v {MIN_MEMORY // 1024}."
         )
 
 

@@ -31,7 +31,7 @@ from zbuf_occlude.sensors import Sensor, inspection
 from zbuf_occlude.sensors.inspection import Coverage
 from zbuf_occlude.views import for_mesh
 
-MOST_LABELS = 25
+MAX_LABELS = 25
 """Maximum number of views that have their numbers in a plot."""
 
 
@@ -200,7 +200,7 @@ def draw_coverage(path: Path, found: Coverage, views: Views, n_shown: int) -> No
     together = 100 * found.together[:n_shown]
     axes.plot(place, together, color=COLOUR, marker="o", markersize=4, label="with those before it")
     axes.set_ylim(0, 103)
-    some = place[:: 1 + len(place) // MOST_LABELS]
+    some = place[:: 1 + len(place) // MAX_LABELS]
     angles = np.degrees([views.azimuth, views.elevation]).round().astype(int).T
     axes.set_xticks(some, [f"{number}\n{angles[number, 0]}°, {angles[number, 1]}°" for number in found.order[some]])
     axes.set_xlabel("view: azimuth, elevation" + (f" ({rest} others add nothing)" if rest else ""), fontsize=10)

@@ -173,7 +173,7 @@ def write_part(
 def warn_of_missing_colors(path: Path, mesh: Mesh) -> None:
     """Warn where colours were read and some faces have none."""
     if mesh.colors is not None and not mesh.colors.is_whole:
-        reason = "; ".join(mesh.colors.lacking) or "has no colours for some faces; points there are grey"
+        reason = "; ".join(mesh.colors.warnings) or "has no colours for some faces; points there are grey"
         echo(f"warning: {path} {reason}", err=True)
 
 

@@ -13,7 +13,7 @@ from zbuf_occlude.meshes.ply import read_ply_points
 
 READABLE = (".ply", ".pcd", ".bin", ".npy", ".npz")
 """Suffixes of the files that `read_points` reads."""
-MOST_BYTES = 2_000_000_000
+MAX_BYTES = 2_000_000_000
 """Maximum size of a file that is read."""
 
 
@@ -38,8 +38,8 @@ def read_points(path: Path) -> FloatArray:
     if suffix not in READABLE:
         raise DatasetError(f"{name}: a cloud must end in one of {', '.join(READABLE)}.")
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise DatasetError(f"{name}: a cloud must have at most {MOST_BYTES:,} bytes.")
+        if path.stat().st_size > MAX_BYTES:
+            raise DatasetError(f"{name}: a cloud must have at most {MAX_BYTES:,} bytes.")
         points = _read(path, suffix)
     except (OSError, ValueError, KeyError, MeshError) as error:
         raise DatasetError(f"{name}: cannot read the points: {escape_control(describe(error))}") from None

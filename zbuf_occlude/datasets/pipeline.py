@@ -33,7 +33,7 @@ from zbuf_occlude.visibility.interface import CONTACT, contact_advice
 CHECKED_POINTS = 64
 """Minimum number of checked points of a checked view, where it has as many."""
 
-MOST_TESTS = 1_000_000_000
+MAX_TESTS = 1_000_000_000
 """Maximum of checked pairs times faces for one sampling: about a second of the oracle's time."""
 
 CHECKED_SCANS = 4
@@ -151,7 +151,7 @@ def sample(mesh: Mesh, config: DatasetConfig, seed: np.random.SeedSequence) -> S
 def count_mesh(mesh: Mesh, config: DatasetConfig) -> QualityCounts:
     """Count dropped faces, far faces, and missing colours or windows; the log names them."""
     lacking = "colors" in config.attributes and (mesh.colors is None or not mesh.colors.is_whole)
-    for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
+    for reason in mesh.colors.warnings if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
     shares = {} if config.scan is None else config.scan.transparent
     opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).transmittance.any())
@@ -180,7 +180,7 @@ def check(
 
     At least one view is checked, with `CHECKED_POINTS` points or more each; `place` names mesh and variation.
     """
-    n_pairs = min(n_checked, max(CHECKED_POINTS, MOST_TESTS // len(mesh.faces)))
+    n_pairs = min(n_checked, max(CHECKED_POINTS, MAX_TESTS // len(mesh.faces)))
     n_views = min(max(1, n_pairs // CHECKED_POINTS), len(views))
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)

@@ -48,7 +48,7 @@ DATA_VERSION = 1
 """Version of the data. It is raised whenever the same plan gives other files than before."""
 CLOUDS_PER_FILE, FILES_PER_SHARD = 2048, 4
 """Maximum number of clouds of a file, and of full files of a shard."""
-LEAST_SHARDS, FEWEST_PER_SHARD = 64, 256
+MIN_SHARDS, MIN_PER_SHARD = 64, 256
 """Minimum number of shards of a dataset, unless its shards would have fewer clouds than the second number."""
 SHARD_BYTES = 512 * 2**20
 """Maximum estimated size of a shard, which is made in memory."""
@@ -372,7 +372,7 @@ class Plan:
     @property
     def meshes_per_shard(self) -> int:
         """The maximum number of meshes of a shard; the number of workers does not matter."""
-        wanted = max(FEWEST_PER_SHARD, self.n_clouds // LEAST_SHARDS)
+        wanted = max(MIN_PER_SHARD, self.n_clouds // MIN_SHARDS)
         n_clouds = min(wanted, FILES_PER_SHARD * CLOUDS_PER_FILE)
         return max(1, min(n_clouds // self.clouds_per_mesh, SHARD_BYTES // self._mesh_bytes))
 

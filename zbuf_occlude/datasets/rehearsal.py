@@ -26,7 +26,7 @@ from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.visibility import find_method, precompile, prepare
 
-LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
+MIN_MESHES, MAX_MESHES, SECONDS = 2, 64, 3.0
 """Minimum and maximum number of meshes made for an estimate, and the seconds that end it between these."""
 N_FUNCTIONS = {"depth_buffer": 67, "exact": 83, "exact-scans": 163}
 """Approximate number of functions that `warm_up_jit` compiles for each kind of job, beside `precompile_job`."""
@@ -145,8 +145,8 @@ def estimate(plan: Plan) -> Estimate:
             made.append(first)
         else:  # made again, as it loaded what was compiled, too
             began = time.perf_counter()
-        for mesh_id in chosen[len(made) : MOST_MESHES]:
-            if len(made) >= LEAST_MESHES and time.perf_counter() - began > SECONDS:
+        for mesh_id in chosen[len(made) : MAX_MESHES]:
+            if len(made) >= MIN_MESHES and time.perf_counter() - began > SECONDS:
                 break
             made.append(_time_mesh(plan, mesh_id, gl, Path(folder)))
     n, (seconds, sizes, failed) = len(plan.meshes), zip(*made, strict=True)

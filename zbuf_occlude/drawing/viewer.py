@@ -34,7 +34,7 @@ ONLOOKER = np.array([3.1, 2.4, 1.9])
 """Position from which the page shows object and camera first, where the longest side is 1."""
 NEAREST, FARTHEST = 0.5, 20.0
 """Ends of the slider of the range, longest sides."""
-MOST_POINTS = 200_000
+MAX_POINTS = 200_000
 """End of the slider of the number of points."""
 BLUE, GREY, BLACK = (84, 148, 225), (205, 205, 205), (40, 40, 40)
 LIGHT = np.array([0.36, -0.48, 0.8])
@@ -256,7 +256,7 @@ class MeshViewer(Viewer):
             self._follows = gui.add_checkbox("My own viewpoint", False, hint="The camera is where you look from")
             self._aims = gui.add_checkbox("Aimed at the object", True, hint="Off: turn it by its rings")
         with gui.add_folder("Points"):
-            most = max(MOST_POINTS, n_points)
+            most = max(MAX_POINTS, n_points)
             self._n_points = gui.add_slider(
                 "Number", min(100, n_points), most, 1, n_points, hint="On the whole surface"
             )

@@ -54,7 +54,7 @@ class SurfaceColors:
         Texture coordinates of the corners, (0, 0) at the lower left; without them textures are ignored.
     linear : bool
         True if factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
-    lacking : tuple of str
+    warnings : tuple of str
         Files that were named but could not be read, each with the reason.
     """
 
@@ -63,18 +63,18 @@ class SurfaceColors:
     corners: FloatArray | None = None
     uv: FloatArray | None = None
     linear: bool = False
-    lacking: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @classmethod
-    def plain(cls, n_faces: int, lacking: tuple[str, ...] = ()) -> "SurfaceColors":
+    def plain(cls, n_faces: int, warnings: tuple[str, ...] = ()) -> "SurfaceColors":
         """Return the colours of an uncoloured surface: grey."""
-        return cls((PLAIN,), np.zeros(n_faces, np.int32), lacking=lacking)
+        return cls((PLAIN,), np.zeros(n_faces, np.int32), warnings=warnings)
 
     @property
     def is_whole(self) -> bool:
-        """True if every triangle has a colour and no file is lacking."""
+        """True if every triangle has a colour and no file was unreadable."""
         plain = [i for i, material in enumerate(self.materials) if not material.painted]
-        return not self.lacking and not np.isin(self.material_ids, plain).any()
+        return not self.warnings and not np.isin(self.material_ids, plain).any()
 
     @property
     def transmittance(self) -> FloatArray:
@@ -109,7 +109,7 @@ class SurfaceColors:
     def select(self, which: BoolArray | NDArray[np.intp]) -> "SurfaceColors":
         """Return the colours of the triangles that a mask or indices select."""
         corners, uv = (None if each is None else each[which] for each in (self.corners, self.uv))
-        return SurfaceColors(self.materials, self.material_ids[which], corners, uv, self.linear, self.lacking)
+        return SurfaceColors(self.materials, self.material_ids[which], corners, uv, self.linear, self.warnings)
 
     @cached_property
     def digest(self) -> bytes:

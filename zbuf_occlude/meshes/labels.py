@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any, TypeVar
 
-from zbuf_occlude.base.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
+from zbuf_occlude.base.documents import MAX_BYTES, MAX_ROWS, parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, describe, escape_control
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
@@ -19,7 +19,7 @@ _CLASSES = ("class", "label", "category", "taxonomy_name", "synsetid")
 _SPLITS = ("split", "subset")
 SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 
-_SMALL, _LARGEST, _RATIO = 2**24, max(MOST_BYTES.values()), 100
+_SMALL, _LARGEST, _RATIO = 2**24, max(MAX_BYTES.values()), 100
 """Limits of unpacked gzip: `_RATIO` times its size, but at least `_SMALL` and at most `_LARGEST` bytes."""
 
 _Item = TypeVar("_Item")
@@ -102,11 +102,11 @@ def parse_json(data: bytes, name: str) -> list[Label]:
     """Return the labels of PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
     document = parse_document("JSON", data, name)
     try:
-        labels = list(islice(_labels_in(document), MOST_ROWS + 1))
+        labels = list(islice(_labels_in(document), MAX_ROWS + 1))
     except (LookupError, TypeError, AttributeError):  # JSON of any other form
         raise OptionError(f"{escape_control(name)} must be {FORMS}; it is JSON of another form.") from None
-    if len(labels) > MOST_ROWS:
-        raise OptionError(f"{escape_control(name)} must have at most {MOST_ROWS:,} labels; it has more. Split it.")
+    if len(labels) > MAX_ROWS:
+        raise OptionError(f"{escape_control(name)} must have at most {MAX_ROWS:,} labels; it has more. Split it.")
     return labels
 
 

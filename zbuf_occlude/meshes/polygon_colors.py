@@ -12,7 +12,7 @@ from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.geometry.colors import Bytes, Material, SurfaceColors
 from zbuf_occlude.meshes.polygons import Ints
 
-MOST_TEXELS = 2**27
+MAX_TEXELS = 2**27
 """Maximum texels of all textures of a mesh: 400 MB, below Pillow's own limit."""
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF")
@@ -23,16 +23,16 @@ class PolygonColors(NamedTuple):
 
     materials: tuple[Material, ...]
     material_ids: Ints  # (p,)
-    colors: FloatArray | None = None  # (c, 3)
+    corners: FloatArray | None = None  # (c, 3)
     uv: FloatArray | None = None  # (c, 2)
     linear: bool = False
     warnings: tuple[str, ...] = ()
 
     def of_triangles(self, triangle_corners: Ints, polygon_ids: Ints) -> SurfaceColors:
         """Return the colours of triangles, given their corners (f, 3) and their polygons (f,)."""
-        colors, uv = (None if each is None else each[triangle_corners] for each in (self.colors, self.uv))
+        corners, uv = (None if each is None else each[triangle_corners] for each in (self.corners, self.uv))
         ids = self.material_ids[polygon_ids].astype(np.int32)
-        return SurfaceColors(self.materials, ids, colors, uv, self.linear, self.warnings)
+        return SurfaceColors(self.materials, ids, corners, uv, self.linear, self.warnings)
 
 
 class Textures:
@@ -69,8 +69,8 @@ class Textures:
 
     def _pixels(self, image: Any) -> Bytes:
         self._n_texels += image.width * image.height
-        if self._n_texels > MOST_TEXELS:
-            raise MeshError(f"the textures of a mesh must have at most {MOST_TEXELS:,} texels; it has more.")
+        if self._n_texels > MAX_TEXELS:
+            raise MeshError(f"the textures of a mesh must have at most {MAX_TEXELS:,} texels; it has more.")
         if image.mode.startswith("I"):  # 16 bits, which Pillow would clip at 255
             levels = (np.asarray(image).astype(np.int64) >> 8).astype(np.uint8)
         elif image.mode == "F":

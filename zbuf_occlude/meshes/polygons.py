@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 _ROUNDING = 1e-12  # reversed area allowed in a fan's triangle, over the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
-_MOST_EARS = 50_000
+_MAX_EARS = 50_000
 """Maximum corners of a polygon that is triangulated by ear clipping.
 
 A polygon that crosses itself takes quadratic time, here 10 s, and compiled code cannot be interrupted."""
@@ -104,9 +104,9 @@ class Polygons:
 
     def _ears(self, starts: Ints, counts: Ints) -> list[Ints]:
         """Return the triangles (t, 3) of each polygon by ear clipping, as corner numbers of the polygon."""
-        if len(counts) and counts.max() > _MOST_EARS:
+        if len(counts) and counts.max() > _MAX_EARS:
             raise MeshError(
-                f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Split it."
+                f"a concave face must have at most {_MAX_EARS:,} corners; one has {counts.max():,}. Split it."
             )
         positions, axes = np.empty((int(counts.sum()), 3)), np.empty((len(counts), 2, 3))
         _fill_planes(self.vertices, self.corners, starts, counts, positions, axes)

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.base.documents import MOST_BYTES
+from zbuf_occlude.base.documents import MAX_BYTES
 from zbuf_occlude.base.errors import MeshError, escape_control
 from zbuf_occlude.meshes.load import SUFFIXES
 from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members, n_bytes_of
 
-MOST = max(MOST_BYTES.values())
+MAX_FILE_BYTES = max(MAX_BYTES.values())
 """Maximum bytes of a small file beside meshes."""
 ALL = "*"
 """File name that stands for the meshes of a folder that cannot be read."""
@@ -51,8 +51,10 @@ class Tree:
             size = n_bytes_of(own)
             if size is None:
                 return None
-            if size > MOST:
-                raise MeshError(f"it must have at most {MOST:,} bytes; it has {size:,}. Is it the right file?")
+            if size > MAX_FILE_BYTES:
+                raise MeshError(
+                    f"it must have at most {MAX_FILE_BYTES:,} bytes; it has {size:,}. Is it the right file?"
+                )
             return content_of(own)
         except MeshError as error:
             raise MeshError(f"{escape_control(str(path))}: {error}") from None

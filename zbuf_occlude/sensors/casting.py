@@ -16,7 +16,7 @@ from zbuf_occlude.sensors.scenes.scene import Placed, Scene
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, VisibilityQuery
 
-MOST_PANES = 32
+MAX_PANES = 32
 """Maximum transparent faces of one object along a ray; those behind are not met."""
 
 
@@ -132,7 +132,7 @@ def _pane_hits(group: _RigidGroup, origins: FloatArray, directions: FloatArray, 
     found, at, behind = list[FirstHits](), np.arange(len(directions)), np.zeros(len(directions))
     apart = CONTACT * group.occluder.mesh.diagonal
     units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    for _ in range(MOST_PANES):
+    for _ in range(MAX_PANES):
         starts = origins if not found else origins[at if len(origins) > 1 else [0]] + behind[:, None] * units[at]
         face_ids, distances = _hits(group, starts, directions[at])
         distances = distances + behind

@@ -13,7 +13,7 @@ import numpy as np
 from zbuf_occlude.base.documents import Number, parse_document, parse_line, read_limited
 from zbuf_occlude.base.errors import ArgumentError, OccludeError, OptionError, check_choice, escape_control
 from zbuf_occlude.sensors import lasers
-from zbuf_occlude.sensors.rays import MOST_RAYS, PATTERNS, numbers_of
+from zbuf_occlude.sensors.rays import MAX_RAYS, PATTERNS, numbers_of
 from zbuf_occlude.sensors.sensor import NoiseModel, Sensor
 
 SUFFIXES = (".yaml", ".yml", ".csv")
@@ -130,7 +130,7 @@ def _evenly_spaced(given: Any, name: str) -> lasers.Lasers:
     if not isinstance(given, dict) or set(given) != {"from", "to", "n"}:
         raise OptionError(f"{name} must be {{from: DEGREES, to: DEGREES, n: LASERS}}; got {reprlib.repr(given)}.")
     low, high = sorted(ELEVATION.read(f"{key} of {name}", given[key]) for key in ("from", "to"))
-    return lasers.evenly_spaced(low, high, Number(1, MOST_RAYS, whole=True).read(f"n of {name}", given["n"]))
+    return lasers.evenly_spaced(low, high, Number(1, MAX_RAYS, whole=True).read(f"n of {name}", given["n"]))
 
 
 def _row_from_csv(path: Path, data: bytes) -> SensorRow:

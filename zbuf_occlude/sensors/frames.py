@@ -35,7 +35,7 @@ from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
-from zbuf_occlude.views.model import MOST_PIXELS, check_views
+from zbuf_occlude.views.model import MAX_PIXELS, check_views
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
@@ -440,8 +440,8 @@ def _sizes(views: Views, width: int | None, height: int | None) -> IntArray:
     if views.sizes is not None and width is None:
         return views.sizes
     width, height = width or WIDTH, height or HEIGHT
-    if width * height > MOST_PIXELS:
-        raise ArgumentError(f"an image must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
+    if width * height > MAX_PIXELS:
+        raise ArgumentError(f"an image must have at most {MAX_PIXELS:,} pixels; got {width} x {height}.")
     return np.tile(np.array([width, height], np.int32), (len(views), 1))
 
 

@@ -23,7 +23,7 @@ from zbuf_occlude.base.arrays import (
 )
 from zbuf_occlude.base.errors import ArgumentError, OptionError
 
-MOST_RAYS = 8_500_000
+MAX_RAYS = 8_500_000
 """Maximum rays of a sensor: a mistyped number must not fill the memory."""
 
 PLASTIC = 1.32471795724474602596
@@ -351,5 +351,5 @@ def _refract(directions: FloatArray, normals: FloatArray, ratio: float) -> Float
 
 
 def _check_count(n: int) -> None:
-    if not 0 < n <= MOST_RAYS:
-        raise OptionError(f"a sensor must have 1 to {MOST_RAYS:,} rays; it has {n:,}.")
+    if not 0 < n <= MAX_RAYS:
+        raise OptionError(f"a sensor must have 1 to {MAX_RAYS:,} rays; it has {n:,}.")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.documents import Number, parse_bool, parse_line
 from zbuf_occlude.base.errors import OptionError, check_choice
-from zbuf_occlude.sensors.rays import MOST_RAYS, PATTERNS, Rays, beside_axis, numbers_of
+from zbuf_occlude.sensors.rays import MAX_RAYS, PATTERNS, Rays, beside_axis, numbers_of
 from zbuf_occlude.views.model import Views
 
 RETURNS = ("first", "strongest", "last", "all")
@@ -24,7 +24,7 @@ STEEPEST = np.radians(89.9)
 _METRES = Number(0.0, 1e4, "metres", least=1e-9)
 NUMBERS: dict[str, Number] = {
     # rays
-    **dict.fromkeys(("width", "height", "columns", "rows"), Number(1, MOST_RAYS, whole=True)),
+    **dict.fromkeys(("width", "height", "columns", "rows"), Number(1, MAX_RAYS, whole=True)),
     "fov": Number(1e-3, 179.9, "degrees"),
     **dict.fromkeys(("f", "fy"), Number(1e-3, 1e9, "pixels")),
     **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),

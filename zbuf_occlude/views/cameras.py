@@ -17,7 +17,7 @@ from zbuf_occlude.base.arrays import FloatArray
 from zbuf_occlude.base.documents import Number, as_path, parse_document, read_limited
 from zbuf_occlude.base.errors import OptionError, describe, escape_control
 from zbuf_occlude.geometry.camera import rotations_of, unit_quaternions
-from zbuf_occlude.views.model import MOST_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views, as_distance
+from zbuf_occlude.views.model import MAX_PIXELS, PAPER_DISTANCE, ROTATION_TOLERANCE, Views, as_distance
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """Matrix from OpenCV's eye space to OpenGL's."""
@@ -182,7 +182,7 @@ def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None, h
             kind.read(name, value) for (name, kind), value in zip(INTRINSICS.items(), intrinsics, strict=True)
         )
         fov_bounds = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
-        if has_size and width == int(width) and height == int(height) and width * height <= MOST_PIXELS:
+        if has_size and width == int(width) and height == int(height) and width * height <= MAX_PIXELS:
             size = int(width), int(height)
     return _Camera(-turn.T @ moved, turn, fov_bounds, size)
 

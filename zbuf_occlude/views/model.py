@@ -21,7 +21,7 @@ from zbuf_occlude.base.arrays import (
 from zbuf_occlude.base.errors import ArgumentError, escape_control
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
-MOST_PIXELS = 1 << 26
+MAX_PIXELS = 1 << 26
 """Maximum pixels of an image."""
 ROTATION_TOLERANCE = 1e-3
 """Largest error of the products of a rotation matrix's rows: files have few digits."""
@@ -93,7 +93,7 @@ class Views(ReadOnlyArrays):
                 if arrays[name].shape != (n_views, *shape):
                     raise ArgumentError(f"{name} must be {(n_views, *shape)}; got {arrays[name].shape}.")
         if self.sizes is not None:
-            arrays["sizes"] = as_indices(self.sizes, "sizes", columns=2, lowest=1, upper=MOST_PIXELS + 1)
+            arrays["sizes"] = as_indices(self.sizes, "sizes", columns=2, lowest=1, upper=MAX_PIXELS + 1)
             if self.fov_bounds is None or len(arrays["sizes"]) != n_views:
                 raise ArgumentError(f"sizes must go with fov_bounds, one of each per view ({n_views}).")
         self._check_values(arrays)

@@ -4,7 +4,7 @@ import pytest
 
 from zbuf_occlude.base.errors import DatasetError
 from zbuf_occlude.base.limits import Limits
-from zbuf_occlude.datasets.workers.pool import CRASHES, KILLS, MOST_BROKEN, MOST_ENDS, ExitStatus, Message, do_jobs
+from zbuf_occlude.datasets.workers.pool import CRASHES, KILLS, MAX_BROKEN, MAX_ENDS, ExitStatus, Message, do_jobs
 
 ENDS = "the worker ended"
 
@@ -103,7 +103,7 @@ def test_what_a_worker_had_before_a_mesh_does_not_count_as_the_meshs(before: flo
 
 @pytest.mark.parametrize(
     ("fate", "most", "words"),
-    [("start", MOST_ENDS, "must start"), ("job", MOST_ENDS, "ended at 0"), ("broken", MOST_BROKEN, "no driver")],
+    [("start", MAX_ENDS, "must start"), ("job", MAX_ENDS, "ended at 0"), ("broken", MAX_BROKEN, "no driver")],
 )
 def test_workers_that_end_in_a_row_at_no_mesh_end_the_run(fate: str, most: int, words: str) -> None:
     done, started = run([0], [Puppet(fate) for _ in range(most - 1)])
@@ -113,8 +113,8 @@ def test_workers_that_end_in_a_row_at_no_mesh_end_the_run(fate: str, most: int, 
 
 
 def test_jobs_at_which_all_workers_end_do_not_excuse_each_other() -> None:
-    with pytest.raises(DatasetError, match=rf"{MOST_ENDS} ended at \d while at no mesh"):
-        run([0, 1, 2], [Puppet("job") for _ in range(3 * MOST_ENDS)], n_workers=3)
+    with pytest.raises(DatasetError, match=rf"{MAX_ENDS} ended at \d while at no mesh"):
+        run([0, 1, 2], [Puppet("job") for _ in range(3 * MAX_ENDS)], n_workers=3)
 
 
 def test_the_last_job_does_not_wait_for_a_replacement_without_room() -> None:

@@ -17,7 +17,7 @@ from zbuf_occlude.studies.paper.tables import TABLE_1A, PaperObject
 
 PAGE = Path(__file__).parents[3] / "docs" / "shapes.md"
 
-LEAST_DISTANCE = 0.006
+MIN_DISTANCE = 0.006
 """No two members of a class may be nearer: below the smallest of the table in docs/shapes.md, which is 0.0066."""
 
 FINGERPRINTS = {
@@ -106,7 +106,7 @@ def test_members_differ(members: dict[str, list[zo.Mesh]], label: str) -> None:
     """On every seventh member: no two are near, and the middle of the distances is far."""
     sampled = clouds(members[label][::7], 128)
     found = [chamfer(a, b) for a, b in combinations(sampled, 2)]
-    assert min(found) > LEAST_DISTANCE
+    assert min(found) > MIN_DISTANCE
     assert np.median(found) > 0.02
 
 
@@ -123,7 +123,7 @@ def test_the_page_tells_the_truth(members: dict[str, list[zo.Mesh]], label: str)
     assert [int(count.replace(",", "")) for count in (fewest, most)] == [min(counts), max(counts)]
     i, j = (int(index) for index in re.findall(r"\d+", between))
     pair = chamfer(*clouds([members[label][i], members[label][j]], 512))
-    assert float(smallest) > LEAST_DISTANCE
+    assert float(smallest) > MIN_DISTANCE
     # sampled more sparsely here than for the page, which adds to small distances
     assert float(smallest) - 0.001 < pair < float(smallest) + 0.006
 

@@ -54,7 +54,7 @@ EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, math.inf)
 """Bounds of the ranges that are counted, metres."""
 DISTINCT = 1.0
 """Default of the metres that the sensor must have moved, seen from an object, for another crop of it."""
-AROUND, BAND, LEAST_GROUND, CLEARANCE, STEEPEST, FITS = 2.0, 0.5, 20, 0.1, 0.3, 4
+AROUND, BAND, MIN_GROUND, CLEARANCE, STEEPEST, FITS = 2.0, 0.5, 20, 0.1, 0.3, 4
 """Fit of the ground: metres around a box and above or below its bottom in which points are taken, their least number,
 metres that noise and grass may rise above the plane, the largest slope that a ground has, and the number of fits."""
 SAME_SIDES = 0.01
@@ -393,7 +393,7 @@ def ground_below(local: FloatArray, size: FloatArray) -> FloatArray:
     near = local[around]
     plane = np.array([0.0, 0.0, bottom])
     for _ in range(FITS):
-        if len(near) < LEAST_GROUND:
+        if len(near) < MIN_GROUND:
             break
         columns = np.column_stack([near[:, :2], np.ones(len(near))])
         fitted = np.linalg.lstsq(columns, near[:, 2], rcond=None)[0]

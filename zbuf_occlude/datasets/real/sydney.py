@@ -44,7 +44,7 @@ TOP_HEAVY = ("tree", "traffic_sign", "traffic_lights")
 """Classes that are wider above than below: crowns on trunks, signs and lights on poles."""
 ASSUMED_UP = "-z"
 """Up direction assumed where the scans do not decide: vehicle frames of that group have z down."""
-FEWEST_POINTS, LEAST_HEIGHT = 30, 0.5
+MIN_POINTS, MIN_HEIGHT = 30, 0.5
 """Minimum points and height (metres) of a scan that votes on the up direction."""
 VOTE_SIGMAS = 3.0
 """Standard deviations of a fair coin by which the votes must differ from a draw."""
@@ -164,7 +164,7 @@ def clear_majority(for_z: int, for_minus_z: int) -> str:
 def vote(points: FloatArray, label: str) -> int:
     """Return the vote of a scan (n, 3) in the frame of its file: 1 for z up, -1 for -z up, 0 for neither."""
     heights = points[:, 2] - (points[:, 2].min() + points[:, 2].max()) / 2.0
-    if len(points) < FEWEST_POINTS or np.ptp(heights) < LEAST_HEIGHT or label not in (*VEHICLES, *TOP_HEAVY):
+    if len(points) < MIN_POINTS or np.ptp(heights) < MIN_HEIGHT or label not in (*VEHICLES, *TOP_HEAVY):
         return 0
 
     def width(part: FloatArray) -> float:

@@ -20,9 +20,9 @@ _LOG = logging.getLogger(__name__)
 CRASHES, KILLS = 2, 5
 """Number of workers that crash at a mesh, or are killed at it from outside (by the kernel for memory, or by a person),
 after which the mesh is a failure."""
-MOST_ENDS = 20
+MAX_ENDS = 20
 """Number of workers in a row that end before they are ready, or at one job outside any mesh, until the run ends."""
-MOST_BROKEN = 5
+MAX_BROKEN = 5
 """Number of workers in a row without a GL context after which the run ends."""
 JOBS_PER_WORKER = 50
 """Number of jobs after which a worker is replaced: drivers leak."""
@@ -240,8 +240,8 @@ class _Pool:
         elif kind == "broken":
             seat.mesh_id = None  # not the mesh's fault
             self.ends["GL"] += 1
-            if self.ends["GL"] >= MOST_BROKEN:
-                raise DatasetError(f"workers must get an OpenGL context; {MOST_BROKEN} in a row did not: {value}")
+            if self.ends["GL"] >= MAX_BROKEN:
+                raise DatasetError(f"workers must get an OpenGL context; {MAX_BROKEN} in a row did not: {value}")
         else:
             raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
 
@@ -249,9 +249,9 @@ class _Pool:
         """Note what a worker ended at; raise DatasetError when too many have and no mesh is to blame."""
         if not seat.ready:
             self.ends["start"] += 1
-            if self.ends["start"] >= MOST_ENDS:
+            if self.ends["start"] >= MAX_ENDS:
                 raise DatasetError(
-                    f"a worker must start; {MOST_ENDS} in a row ended before they were ready: {ending.reason}."
+                    f"a worker must start; {MAX_ENDS} in a row ended before they were ready: {ending.reason}."
                 )
         elif seat.mesh_id is not None:
             at = ("mesh", seat.mesh_id, ending.killed)
@@ -260,9 +260,9 @@ class _Pool:
                 self.lost[seat.mesh_id] = f"{ending.reason} at it, {self.ends[at]} times"
         elif seat.job is not None:
             self.ends["job", seat.job] += 1
-            if self.ends["job", seat.job] >= MOST_ENDS:
+            if self.ends["job", seat.job] >= MAX_ENDS:
                 raise DatasetError(
-                    f"a job must leave its worker alive; {MOST_ENDS} ended at {seat.job} while at no mesh: "
+                    f"a job must leave its worker alive; {MAX_ENDS} ended at {seat.job} while at no mesh: "
                     f"{ending.reason}. Is there memory enough? What was finished is kept, and the same command resumes."
                 )
 

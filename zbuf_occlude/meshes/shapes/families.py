@@ -38,7 +38,7 @@ VERSION = 1
 CLASSES = tuple(STYLES)
 """The paper's ModelNet8 (section 4.3), in alphabetical order."""
 
-FEWEST_FACES = 200
+MIN_FACES = 200
 """Minimum number of faces of a member."""
 
 TRAIN, VAL, TEST = 40, 10, 25
@@ -93,7 +93,7 @@ def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
 
     Notes
     -----
-    Faces are quartered at their edges' midpoints until there are `FEWEST_FACES`. The winding is reversed for no face,
+    Faces are quartered at their edges' midpoints until there are `MIN_FACES`. The winding is reversed for no face,
     for a run of faces or for random ones. Vertices are shared as modelled, or every face has its own three, as in many
     files of ModelNet. Sometimes a run of faces is duplicated. The unit is 0.05 to 500 times the modelled one;
     coordinates are single precision. The shape rests on z = 0 or is centred at the origin. The front stays towards -y.
@@ -104,7 +104,7 @@ def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
     unshared, centred = draw.chance(0.35), draw.chance(0.5)
     unit = float(np.exp(draw.between(np.log(0.05), np.log(500.0))))
     points, faces = part.points, part.faces
-    while len(faces) < FEWEST_FACES:
+    while len(faces) < MIN_FACES:
         points, faces = quartered(points, faces)
     n = len(faces)
     if winding == "run":

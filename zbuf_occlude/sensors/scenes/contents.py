@@ -16,14 +16,14 @@ from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.meshes.shapes import ROAD_USERS, make, road_user
 from zbuf_occlude.sensors.scenes.kinds import SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, moved
-from zbuf_occlude.sensors.scenes.sizes import LEAST, MOST, SIZES, Sizes, normalize_label, size_beside
+from zbuf_occlude.sensors.scenes.sizes import MAX_SIZE, MIN_SIZE, SIZES, Sizes, normalize_label, size_beside
 from zbuf_occlude.sensors.scenes.table import checked_table, footprint, put_at_rest
 
 FORM = '{"table": {"size": [x, y]}, "objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
 NUMBERS = {
     "position": Number(-1e6, 1e6, "metres", ((3,),)),
     "yaw": Number(-3600.0, 3600.0, "degrees"),
-    "size": Number(LEAST, MOST, "metres"),
+    "size": Number(MIN_SIZE, MAX_SIZE, "metres"),
     "albedo": Number(0.0, 1.0),
     "velocity": Number(-1e3, 1e3, "metres a second", ((3,),)),
     "turn": Number(-1e4, 1e4, "degrees a second"),
@@ -31,11 +31,11 @@ NUMBERS = {
 }
 KNOWN = ("mesh", "class", "up", "unit", *NUMBERS)
 
-MOST_OBJECTS = 24
+MAX_OBJECTS = 24
 """Maximum objects of a collection in a pool: a worker loads each once."""
-MOST_FACES = 30_000
+MAX_FACES = 30_000
 """Maximum faces of an object in a pool."""
-MOST_METRES = {"street": 7.0, "room": 2.2, "table": 0.4}
+MAX_METRES = {"street": 7.0, "room": 2.2, "table": 0.4}
 """Maximum longest side of an object in a scene's pool."""
 BELONGING = {
     "street": (
@@ -285,9 +285,9 @@ class Pool:
         transparent: Mapping[str, float | None] | None = None,
     ) -> None:
         order = np.random.default_rng(seed).permutation(len(entries))
-        self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
+        self._entries = [entries[int(i)] for i in order[:MAX_OBJECTS]]
         self._built_in = surroundings((), scene)
-        self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
+        self._sizes, self._most, self._transparent = sizes, MAX_METRES.get(scene, np.inf), transparent or {}
         self._loaded: dict[str, tuple[Mesh, str] | None] = {}
 
     def __call__(self, number: float) -> tuple[Mesh, str]:
@@ -308,6 +308,6 @@ class Pool:
                 size = size_beside(entry.label, self._sizes, mesh.longest_side)
             except (MeshError, OptionError):
                 return None
-            if mesh.longest_side > 0 and len(mesh.faces) <= MOST_FACES and size <= self._most:
+            if mesh.longest_side > 0 and len(mesh.faces) <= MAX_FACES and size <= self._most:
                 self._loaded[key] = on_ground(mesh, size), entry.label
         return self._loaded[key]

@@ -35,7 +35,7 @@ FILE = "file"
 ALL = "*"
 """Key of one size for all classes."""
 
-LEAST, MOST = 1e-3, 1e5
+MIN_SIZE, MAX_SIZE = 1e-3, 1e5
 """Accepted sizes, metres: from a grain to a mountain range."""
 
 Sizes = Mapping[str, float] | str
@@ -65,10 +65,10 @@ def sizes_of(value: Any) -> Sizes:
             size = float(number) if is_number else -1.0
         except (ValueError, OverflowError):
             size = -1.0
-        if not LEAST <= size <= MOST or not isinstance(label, str) or not label or label in sizes:
+        if not MIN_SIZE <= size <= MAX_SIZE or not isinstance(label, str) or not label or label in sizes:
             raise OptionError(
-                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,..., each class once; "
-                f"got {shown(value)}."
+                f"--size must be 'file', metres from {MIN_SIZE:g} to {MAX_SIZE:g}, or CLASS=metres,..., "
+                f"each class once; got {shown(value)}."
             )
         sizes[label] = size
     return sizes

@@ -22,9 +22,9 @@ DEFAULTS = {"size": [1.2, 0.8], "height": 0.75}
 """Length and width of a table, and the height of its top, metres: assumed, as of an office desk."""
 GAP = 0.005
 """Least distance of the footprints of objects, metres."""
-MOST_CORNERS = 500
+MAX_CORNERS = 500
 """Corners of a convex hull from which on only those outermost in twice as many directions are taken."""
-LEAST_VOLUME = 1e-9
+MIN_VOLUME = 1e-9
 """Least volume of a solid, over the cube of its diagonal."""
 PLACES = 2_000
 """Places that are tried for an object."""
@@ -73,11 +73,11 @@ def stable_poses(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     with np.errstate(all="ignore"):
         try:
             hull = solid.convex_hull
-            if len(hull.vertices) > MOST_CORNERS:
-                extremes = (hull.vertices @ fibonacci(2 * MOST_CORNERS).eyes.T).argmax(axis=0)
+            if len(hull.vertices) > MAX_CORNERS:
+                extremes = (hull.vertices @ fibonacci(2 * MAX_CORNERS).eyes.T).argmax(axis=0)
                 corners = Mesh(hull.vertices[np.unique(extremes)], np.array([[0, 1, 2]], np.int32))
                 hull = corners.to_trimesh().convex_hull  # of all vertices, whatever the faces
-            flat = not hull.volume > LEAST_VOLUME * mesh.diagonal**3
+            flat = not hull.volume > MIN_VOLUME * mesh.diagonal**3
         except QhullError:
             flat = True
         centre = solid.center_mass if flat or solid.is_volume else hull.center_mass

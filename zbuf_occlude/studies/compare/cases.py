@@ -20,7 +20,7 @@ from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS, find_method
 
-MOST_VIEWS = 15
+MAX_VIEWS = 15
 """Default number of views of a question: every 7th of the paper's 100."""
 
 SWEEP: dict[str, tuple[dict[str, Any], ...]] = {
@@ -75,7 +75,7 @@ class Question:
 
 
 def sample_question(
-    key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_views: int = MOST_VIEWS
+    key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_views: int = MAX_VIEWS
 ) -> Question:
     """Sample a mesh and place views about it.
 

@@ -7,7 +7,7 @@ from zbuf_occlude.studies.compare.drive_comparison import GROUPS, Counts, DriveC
 FITTED_ON = ("cars", "pedestrians")
 """Groups of one log, from 10 to 60 m, on which the `detection_range` of the VLP-32C was fitted."""
 BINS = ((5.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 40.0), (40.0, 50.0), (50.0, 60.0), (60.0, 80.0))
-LEAST, LEAST_OBJECTS = 20, 5
+MIN_SIGHTINGS, MIN_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
 RESAMPLES = 400
 """Number of draws of the objects for the interval of a ratio."""
@@ -26,7 +26,7 @@ def drive_report(found: DriveComparison) -> list[str]:
     if not found.sightings:
         return [head, *end]
     simulated = drawn_returns(found.sightings, reach)
-    few = _listed(found.sightings, simulated) if len(found.sightings) <= 3 * LEAST else []
+    few = _listed(found.sightings, simulated) if len(found.sightings) <= 3 * MIN_SIGHTINGS else []
     return [head, "", *few, *_by_range(found.sightings, simulated), *end]
 
 
@@ -64,7 +64,7 @@ def _by_range(sightings: list[Sighting], simulated: Counts) -> list[str]:
             without = float(np.median([sightings[i].n_without_dropout for i in mine]))
             ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (_median_of_draws(made), without))
             trust, far = "-", "-"
-            if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
+            if len(mine) >= MIN_SIGHTINGS and len(set(names)) >= MIN_OBJECTS:
                 distances[group, nearest] = _kolmogorov_smirnov(real, made.ravel())
                 trust, far = _interval(real, made, names), f"{distances[group, nearest]:.2f}"
             lines.append(

@@ -37,16 +37,16 @@ ROWS, REFERENCE = "rows.jsonl", "reference"
 """File of the rows and folder of the reference's answers, in a comparison's folder."""
 ROW_SECONDS = 120.0
 """Default timeout of a row, all of its calls together."""
-ENOUGH_SECONDS, ENOUGH_REPEATS, FEWEST_REPEATS = 0.5, 7, 3
+ENOUGH_SECONDS, ENOUGH_REPEATS, MIN_REPEATS = 0.5, 7, 3
 """Limits of repeating a timed call: enough seconds, enough repeats, fewest repeats; the median counts."""
 PROBE_POINTS = 1000
 """Points of the first probe of a method's speed."""
 WARM_SECONDS = 900.0
 """Timeout of a method on a cube: mostly compiling, on a busy machine without a compile cache."""
-MOST_TESTS = 3e9
+MAX_TESTS = 3e9
 """Maximum pairs of line and face that the reference tests on a mesh: about half a minute on two cores."""
-FEWEST_POINTS = 50
-"""Minimum points compared with the reference, even where `MOST_TESTS` is exceeded."""
+MIN_POINTS = 50
+"""Minimum points compared with the reference, even where `MAX_TESTS` is exceeded."""
 SHOWN_TESTS = 3e8
 """Maximum pairs tested for the picture of a row's worst view."""
 PASSES = 1 + 2 + 8 * (1 + len(metrics.SILHOUETTE_EDGES))
@@ -133,7 +133,7 @@ class ComparisonFolder:
 class Reference:
     """The oracle's answers, stored in a folder, one file for each question.
 
-    `n_points` of a question are answered; by default as many as `MOST_TESTS` allows.
+    `n_points` of a question are answered; by default as many as `MAX_TESTS` allows.
     """
 
     def __init__(self, folder: Path, n_points: int | None = None) -> None:
@@ -144,8 +144,8 @@ class Reference:
         """Return the answer to a question, from its file where there is one."""
         from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle  # late: imports Numba
 
-        affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
-        n = min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
+        affordable = int(MAX_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
+        n = min(len(question.points), self._n_points or max(MIN_POINTS, affordable))
         path = self._folder / f"{question.fingerprint}-{n}.npz"
         if path.exists():
             with np.load(path) as stored:
@@ -167,7 +167,7 @@ class Reference:
         """Return the visibility (n,) of a question's first points from one eye, as many as `SHOWN_TESTS` allows."""
         from zbuf_occlude.visibility.methods.oracle import prepare as prepare_oracle  # late: imports Numba
 
-        n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
+        n = min(len(question.points), max(MIN_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
             return oracle.visible(question.points.select(np.arange(n)), question.views.eyes[view : view + 1])[0]
 
@@ -289,14 +289,14 @@ def time_calls(
         cpu.append(time.process_time() - start_cpu)
         n_counted, seconds = len(wall) - 1, sum(wall)
         spent = seconds + wall[-1] > budget and (n_counted > 0 or seconds > budget)
-        if spent or n_counted >= ENOUGH_REPEATS or (n_counted >= FEWEST_REPEATS and seconds > ENOUGH_SECONDS):
+        if spent or n_counted >= ENOUGH_REPEATS or (n_counted >= MIN_REPEATS and seconds > ENOUGH_SECONDS):
             return mask, wall[1:] or wall, cpu[1:] or cpu
 
 
 def fit_to_budget(occluder: VisibilityQuery, question: Question, budget: float) -> tuple[Any, int]:
     """Return the views and the number of points for which one call takes at most a third of the budget."""
     n_all, n_views = len(question.points), len(question.views)
-    allowed = budget / FEWEST_REPEATS
+    allowed = budget / MIN_REPEATS
 
     def one_view(n: int) -> float:
         points = question.points.select(np.arange(n))

@@ -41,7 +41,7 @@ TABLE_3B: dict[tuple[str, int], dict[int, tuple[float, float, float, float]]] = 
 
 NaN where the paper gives Test 3 alone.
 """
-MOST_POINTS = 12_000
+MAX_POINTS = 12_000
 """Points per cloud for which the paper gives all tests."""
 
 MODELNET40_ACCURACY = {"voxnet": "69.0 / 83.0", "threedmfv": "91.6"}
@@ -92,7 +92,7 @@ REAL_OBJECTS, HELD_OUT, FITTED, SIMULATED = "real-objects", "held-out-objects", 
 FITTED_ON = ("000004", "000006", "000008", "000010")
 """KITTI's sweeps on which the windows of vehicles were fitted (docs/real_drives.md); all others are held out."""
 
-FEWEST_OBJECTS = 5
+MIN_OBJECTS = 5
 """Minimum objects per class where objects are held out: three to train, one to validate, one to test."""
 
 _PRINTED = {"voxnet": "VoxNet", "pointnet": "PointNet", "threedmfv": "3DmFV"}
@@ -258,9 +258,9 @@ def _with_models(size: Size, models: Sequence[str]) -> Size:
 
 def _with_objects(size: Size, objects: int) -> Size:
     most = SHARES["train"]
-    if not FEWEST_OBJECTS <= objects <= most:
+    if not MIN_OBJECTS <= objects <= most:
         raise OptionError(
-            f"objects must lie in {FEWEST_OBJECTS}..{most}: in 4.2 one of each class is held out for the test, and in "
+            f"objects must lie in {MIN_OBJECTS}..{most}: in 4.2 one of each class is held out for the test, and in "
             f"4.3 the paper trains on {most}; got {objects}."
         )
     train, val, test = (max(1, round(objects * share / most)) for share in SHARES.values())

@@ -21,7 +21,7 @@ SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 """Classes of the picture of scans."""
 LEAST_POINTS = 16
 """Minimum points of a box of a drive; others are left out."""
-MOST_SWEEPS = 400
+MAX_SWEEPS = 400
 """Maximum sweeps of a drive, evenly spaced: gigabytes of points, about ten thousand objects."""
 _LARGE = "ARTICULATED_BUS BOX_TRUCK BUS LARGE_VEHICLE SCHOOL_BUS TRUCK TRUCK_CAB VEHICULAR_TRAILER"
 CARS: dict[str, tuple[Set[str], Set[str]]] = {
@@ -115,7 +115,7 @@ def read_objects(root: Path, n_points: int) -> CloudSet:
     clouds, labels = [], []
     layout, loaders = find_drive(root)
     cars, left_out = CARS[layout.name]
-    for i in np.unique(np.linspace(0, len(loaders) - 1, min(len(loaders), MOST_SWEEPS)).round().astype(int)):
+    for i in np.unique(np.linspace(0, len(loaders) - 1, min(len(loaders), MAX_SWEEPS)).round().astype(int)):
         sweep = loaders[i]()
         for number, box in enumerate(sweep.boxes):
             points = sweep.points[box.contains(sweep.points)]
