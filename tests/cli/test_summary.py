@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ def test_counts_add_up_and_keep_the_worst() -> None:
     )
     other = QualityCounts(n_checked=64, false_hidden=2, n_views_checked=4, worst=WorstView(0.01, "b", 1, 2))
     total = sum([QualityCounts(faces_dropped={"duplicate": 2}), other, one], QualityCounts())
-    assert total == QualityCounts.from_dict(json.loads(json.dumps(total.to_dict())))
+    assert total == QualityCounts.from_dict(json.loads(json.dumps(asdict(total))))
     error = total.error
     assert error["worst_view"] == {"share": 0.2, "mesh": "a", "variation": 0, "view": 3}
     assert (error["bad_views"], error["false_visible"], error["false_hidden"]) == (1 / 8, 1 / 128, 2 / 128)

@@ -456,8 +456,8 @@ def test_colours_compressed_by_draco_are_read() -> None:
     document = built.finished(meshes=[{"primitives": [primitive]}])
     look = read_gltf(json.dumps(document).encode(), MeshFiles(HERE / "scene.gltf"), colors=True)[1]
     assert look is not None
-    assert look.colors is not None
-    assert np.allclose(look.colors, colors / 255)
+    assert look.corners is not None
+    assert np.allclose(look.corners, colors / 255)
 
 
 def test_draco_that_lacks_what_the_document_says_is_refused() -> None:

@@ -29,7 +29,7 @@ GROUPS = {
 """Group of each kind of model whose returns are compared."""
 RANGES = (5.0, 80.0)
 """Metres between which objects are compared."""
-MAX_SWEEPS = 2000
+MAX_SIGHTINGS = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
 DRAWS = 200
 """Number of draws of albedos, glass and returns."""
@@ -135,7 +135,7 @@ def compare_drive(
         model, how = make(LIDAR_OF[layout.name]), f"named by {layout.name}"
     else:
         model, how = _sensor_of(clouds, log)
-    taken = [loader for loader, _ in places][:: -(-sum(n for _, n in places) // MAX_SWEEPS) or 1]
+    taken = [loader for loader, _ in places][:: -(-sum(n for _, n in places) // MAX_SIGHTINGS) or 1]
     noiseless = model.with_numbers(detection_range=0.0, sigma=0.0, step=0.0)
     sightings = list[Sighting]()
     for done, loader in enumerate(taken):
