@@ -19,7 +19,7 @@ from zbuf_occlude.sensors.poses import look_at, pose_of_camera
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import noiseless_scan
-from zbuf_occlude.sensors.scenes.contents import at_rest_of, placed_of
+from zbuf_occlude.sensors.scenes.contents import Pool, at_rest_of, placed_of
 from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
@@ -27,8 +27,6 @@ from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
-Pool = Callable[[float], tuple[Mesh, str]]
-"""Returns an object of the surroundings for a number in [0, 1): a mesh standing on z = 0, metres, and its class."""
 Seeds = Callable[[str, int], np.random.SeedSequence]
 """Returns the seed of a draw, for the name of the draw and the number of the view."""
 ENLARGED = 1.1
