@@ -14,7 +14,7 @@ import pytest
 
 from tests.datasets.test_generate import files
 from tests.datasets.workers.loads import bad, ball, hang, suicide, swell, tell, warn
-from tests.processes import ended
+from tests.processes import ended, python
 from zbuf_occlude import DatasetError
 from zbuf_occlude.base.cores import n_cores
 from zbuf_occlude.base.limits import Limits
@@ -165,6 +165,14 @@ def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> N
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
     )
     assert child.returncode == 0, child.stderr
+
+
+@pytest.mark.parametrize(("coordinator", "said"), [("os.getppid()", "goes on\n"), ("os.getpid()", "")])
+def test_a_server_ends_with_its_coordinator_while_it_imports(coordinator: str, said: str) -> None:
+    child = python(
+        "-c", f"import os\nfrom {local.PRELOAD[0]} import end_without\nend_without({coordinator})\nprint('goes on')"
+    )
+    assert (child.returncode, child.stdout) == (0, said), child.stderr
 
 
 def test_a_temporary_folder_of_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
