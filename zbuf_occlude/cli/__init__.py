@@ -50,7 +50,7 @@ OF_PAPER = ("experiment", "figure")
 _WITH_WORKERS = {"generate"}
 """Commands whose workers are forked from a server, which imports while the command does."""
 _WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "--engine=ray", "ray"}
-"""Arguments with any of which the server is left to those who need it."""
+"""Arguments with which a command has no such workers: the server then does not start early."""
 
 
 class LazyGroup(CommandGroup):

@@ -10,7 +10,7 @@ COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)
 """Default colour of surfaces, RGB in [0, 1]."""
 LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
 """Direction to the light in eye space: over the viewer's left shoulder."""
-MIN_AREA, LARGEST_AREA = 0.25, 12.0
+MIN_AREA, MAX_AREA = 0.25, 12.0
 """Bounds of a mark's area, typographic points squared."""
 
 
@@ -99,7 +99,7 @@ def area_of_mark(positions: FloatArray, half: float, side: float) -> float:
     `half` is half the picture's side in the units of `positions`, `side` the whole side in typographic points.
     """
     spans = np.ptp(positions, axis=0)
-    return float(np.clip(np.prod(spans / (2.0 * half) * side) / len(positions), MIN_AREA, LARGEST_AREA))
+    return float(np.clip(np.prod(spans / (2.0 * half) * side) / len(positions), MIN_AREA, MAX_AREA))
 
 
 def paint(picture: NDArray[np.uint32], centres: FloatArray, diameter: float, colours: FloatArray) -> None:

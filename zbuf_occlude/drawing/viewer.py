@@ -41,7 +41,7 @@ LIGHT = np.array([0.36, -0.48, 0.8])
 """Direction from which points are lit."""
 MARK, HIDDEN_MARK = 0.7, 0.45
 """Diameters of a visible and a hidden point, in mean distances of neighbours."""
-SMALLEST, LARGEST = 0.0025, 0.02
+MIN_DIAMETER, MAX_DIAMETER = 0.0025, 0.02
 """Bounds of the diameter of a point, longest sides."""
 OPENING = np.radians(40.0), 4 / 3
 """Field of view and aspect of the frustum of a sensor that is no pinhole, whose field has another shape."""
@@ -178,7 +178,7 @@ class Viewer(ABC):
         if len(points):  # browsers complain of an empty cloud
             handle.points = points.astype(np.float32)
             mark = HIDDEN_MARK if handle is self._hidden_points else MARK
-            handle.point_size = float(np.clip(mark * gap, SMALLEST, LARGEST))
+            handle.point_size = float(np.clip(mark * gap, MIN_DIAMETER, MAX_DIAMETER))
             if colours is not None:
                 handle.colors = colours
 

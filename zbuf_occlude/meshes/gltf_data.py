@@ -31,7 +31,7 @@ _ROLES = {
 }
 """Allowed types and component types of an accessor, for each use."""
 
-_MIN_OF_BYTES = 128 / 127
+_LARGEST_OF_BYTES = 128 / 127
 """Largest magnitude of a normalized integer: -128 in a byte, before it is clipped to -1."""
 
 _REPEATED = 6_000_000
@@ -248,7 +248,7 @@ def _in_unit_range(accessor: Json, values: NDArray[Any]) -> FloatArray:
     if not accessor.get("normalized") or kind.kind == "f":
         return numbers
     # Draco returns integers as floats, already divided where its own attribute is marked as normalized
-    is_divided = values.dtype.kind == "f" and (np.abs(numbers) <= _MIN_OF_BYTES).all()
+    is_divided = values.dtype.kind == "f" and (np.abs(numbers) <= _LARGEST_OF_BYTES).all()
     return np.maximum(numbers if is_divided else numbers / np.iinfo(kind).max, -1.0)
 
 

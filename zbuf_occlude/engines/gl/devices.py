@@ -13,7 +13,7 @@ from zbuf_occlude.base.errors import GlError
 
 # EGL_EXT_device_query, EGL_NV_device_cuda, EGL_EXT_device_drm, EGL_EXT_device_persistent_id
 _EXTENSIONS, _CUDA_DEVICE, _DRM_DEVICE_FILE, _DEVICE_UUID = 0x3055, 0x323A, 0x3233, 0x335C
-_MOST = 64
+_MAX_DEVICES = 64
 _NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceAttribEXT", b"eglQueryDeviceStringEXT", b"eglQueryDeviceBinaryEXT")
 
 FIXES = {
@@ -82,8 +82,8 @@ def egl_devices() -> tuple[EglDevice, ...]:
     string = ctypes.CFUNCTYPE(ctypes.c_char_p, pointer, integer)(addresses[2])
     binary = ctypes.CFUNCTYPE(boolean, pointer, integer, integer, pointer, ctypes.POINTER(integer))(addresses[3] or 0)
 
-    handles, count = (pointer * _MOST)(), integer(0)
-    if not query(_MOST, handles, ctypes.byref(count)):
+    handles, count = (pointer * _MAX_DEVICES)(), integer(0)
+    if not query(_MAX_DEVICES, handles, ctypes.byref(count)):
         raise GlError("eglQueryDevicesEXT failed to list the devices.")
     devices = []
     for index in range(count.value):

@@ -21,7 +21,7 @@ from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS, find_method
 
 MAX_VIEWS = 15
-"""Default number of views of a question: every 7th of the paper's 100."""
+"""Default maximum of views of a question: every 7th of the paper's 100."""
 
 SWEEP: dict[str, tuple[dict[str, Any], ...]] = {
     "depth_buffer": (

@@ -42,7 +42,7 @@ CLOUDS = 4
 """Sweeps from which the sensor is found."""
 SHARPNESS = 0.1
 """Degrees that returns lie off a laser's elevation: cars pitch while the sensor turns."""
-LEAST_POINTS = 1000
+MIN_POINTS = 1000
 """Points beyond 4 m of which a sensor is told from others."""
 LIDAR_OF = {"Argoverse 2": "vlp-32c"}
 """Sensor of the layouts whose clouds are of several LiDARs."""
@@ -153,8 +153,8 @@ def found_sensor(points: FloatArray) -> tuple[Sensor, str]:
         Too few points, or no turn.
     """
     far = points[np.hypot(*points[:, :2].T) > 4.0]
-    if len(far) < LEAST_POINTS:
-        raise DatasetError(f"a sensor is found from {LEAST_POINTS} points; there are {len(far)}. Give --sensor NAME.")
+    if len(far) < MIN_POINTS:
+        raise DatasetError(f"a sensor is found from {MIN_POINTS} points; there are {len(far)}. Give --sensor NAME.")
     some, scores = far[:: -(-len(far) // 20_000)], {}
     for name in (name for name, sensor in SENSORS.items() if sensor.kind == "spinning"):
         near = [np.exp(-0.5 * (above / SHARPNESS) ** 2) for above in SENSORS[name].angles_above_lasers(some)]

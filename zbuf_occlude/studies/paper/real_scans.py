@@ -19,7 +19,7 @@ from zbuf_occlude.studies.learn.data import CloudSet
 
 SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 """Classes of the picture of scans."""
-LEAST_POINTS = 16
+MIN_POINTS = 16
 """Minimum points of a box of a drive; others are left out."""
 MAX_SWEEPS = 400
 """Maximum sweeps of a drive, evenly spaced: gigabytes of points, about ten thousand objects."""
@@ -110,7 +110,7 @@ def read_objects(root: Path, n_points: int) -> CloudSet:
     Labels are indices into ("car", "other"); each crop is an object of its own; elevations are NaN. A cloud has all
     points in its box, such as the ground below a car. Points repeat only where there are fewer than `n_points`.
 
-    Raises DatasetError where a file is missing or damaged, or no car has `LEAST_POINTS` points.
+    Raises DatasetError where a file is missing or damaged, or no car has `MIN_POINTS` points.
     """
     clouds, labels = [], []
     layout, loaders = find_drive(root)
@@ -119,10 +119,10 @@ def read_objects(root: Path, n_points: int) -> CloudSet:
         sweep = loaders[i]()
         for number, box in enumerate(sweep.boxes):
             points = sweep.points[box.contains(sweep.points)]
-            if box.label not in left_out and len(points) >= LEAST_POINTS:
+            if box.label not in left_out and len(points) >= MIN_POINTS:
                 clouds.append(resampled(points, n_points, f"{sweep.name}/{number}"))
                 labels.append(0 if box.label in cars else 1)
     if 0 not in labels:
-        raise DatasetError(f"{root} must have a car with {LEAST_POINTS} points; it has none. Give another folder.")
+        raise DatasetError(f"{root} must have a car with {MIN_POINTS} points; it has none. Give another folder.")
     unknown = np.full(len(labels), np.nan)
     return CloudSet(np.stack(clouds), np.array(labels), ("car", "other"), np.arange(len(labels)), unknown)

@@ -31,11 +31,11 @@ from zbuf_occlude.studies.paper.design import (
     KINDS,
     MAIN,
     MATCHED,
-    MAX_POINTS,
     METHODS,
     MODELNET40_ACCURACY,
     ORIGINAL,
     OWN,
+    PUBLISHED_POINTS,
     REAL,
     REAL_OBJECTS,
     REALISM,
@@ -423,7 +423,7 @@ def _note_3b(results: Sequence[Result]) -> str:
 
 def _published_3b(model: str, n_points: int) -> tuple[int, Mapping[int, tuple[float, ...]]] | None:
     """Return the number of points and the numbers by training set of the closest entry of the paper's Table 3B."""
-    points = n_points if (paper_name(model), n_points) in TABLE_3B else MAX_POINTS
+    points = n_points if (paper_name(model), n_points) in TABLE_3B else PUBLISHED_POINTS
     numbers = TABLE_3B.get((paper_name(model), points))
     return None if numbers is None else (points, numbers)
 
@@ -527,7 +527,7 @@ def differences(results: Sequence[Result], finding: Finding, model: str, n_point
 
 
 def _published_difference(finding: Finding, model: str) -> str:
-    numbers = TABLE_3B.get((paper_name(model), MAX_POINTS))
+    numbers = TABLE_3B.get((paper_name(model), PUBLISHED_POINTS))
     if numbers is None:
         return NONE
     better, worse = (numbers[s][(ORIGINAL, GENERATED).index(test)] for s, test in (finding.better, finding.worse))
@@ -695,7 +695,7 @@ def plot_training_sets(results: Sequence[Result]) -> Figure:
     for place, (panel, (test, words)) in enumerate(zip(panels, tests, strict=True)):
         panel.set_title(words, fontsize=11, color=GREY)
         for group, (model, n_points, budget) in enumerate(groups):
-            published = TABLE_3B.get((paper_name(model), MAX_POINTS))
+            published = TABLE_3B.get((paper_name(model), PUBLISHED_POINTS))
             for training_set, kind in TRAINING_SETS.items():
                 rows = select_results(mine, AUGMENTATION, model=model, points=n_points, set=training_set, budget=budget)
                 at = group + 0.27 * (training_set - 2)
