@@ -318,6 +318,25 @@ def test_of_two_processes_at_a_function_one_compiles_it_and_the_other_loads_it(p
     assert found == [b"0", b"1"]
 
 
+def test_an_interrupt_while_code_is_loaded_is_raised_afterwards(package: Path) -> None:
+    """LLVM calls Python meanwhile, where an exception would be printed and lost."""
+    program = (
+        "import signal\n"
+        "from numba.core import caching\n"
+        "from package.base.caller import ask\n"
+        "load, loaded = caching.FunctionCache.load_overload, []\n"
+        "def interrupted(*given):\n"
+        "    signal.raise_signal(signal.SIGINT)\n"
+        "    loaded.append(load(*given) is not None)\n"
+        "caching.FunctionCache.load_overload = interrupted\n"
+        "try: ask()\n"
+        "except KeyboardInterrupt: print(loaded)\n"
+    )
+    cache = str(package.parent / "cache")
+    assert run(ASK, cwd=package.parent, NUMBA_CACHE_DIR=cache).split()[0] == "1"
+    assert run(program, cwd=package.parent, NUMBA_CACHE_DIR=cache) == "[True]"
+
+
 def test_waiting_for_a_lock_ends(package: Path) -> None:
     program = (
         "import fcntl\n"

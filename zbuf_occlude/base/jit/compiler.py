@@ -15,12 +15,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import IO, Any
+
+from zbuf_occlude.base.interrupts import held
 
 PACKAGE = Path(__file__).parents[2]
 CACHE_KEY_FOLDERS = (
@@ -191,10 +193,11 @@ def _values_named_in(function: Callable[..., Any]) -> list[Any]:
 def _compiling(cached: Callable[..., Any] | None) -> Iterator[None]:
     """Compile within the block; a cached function alone, so that another process that needs it then loads it.
 
-    Numba leaves little garbage in cycles, and looking for it would take a tenth of the time.
+    Loading takes milliseconds, in callbacks of LLVM that would swallow an interrupt. Numba leaves little garbage in
+    cycles, and looking for it would take a tenth of the time.
     """
     lock = _lock_of(cached) if cached else None
-    with lock or nullcontext(), _no_collection:
+    with lock or held(), _no_collection:
         yield
         if lock:
             lock.write(b"compiled")
