@@ -42,7 +42,7 @@ _MODULES = {
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
 }
-"""Commands of each module whose name is not theirs with underscores for dashes."""
+"""Modules of several commands. Any other command has a module of its own name, with underscores for dashes."""
 OF_PAPER = ("experiment", "figure")
 """Old names of commands of `paper`."""
 

@@ -309,7 +309,7 @@ def choose_method(
     complete: bool,
     require_gpu: bool,
 ) -> Choice:
-    """Return the method that is asked: that of a scan, the typed one, or the default on this machine."""
+    """Return the method: that of a scan, the typed one, or the default on this machine."""
     if scan is not None:
         return Choice(scan.method, "")
     if complete:
@@ -320,7 +320,7 @@ def choose_method(
 def collect_meshes(
     context: click.Context, row: Format, wanted: Preset | None, scan: ScanConfig | None
 ) -> tuple[MeshCollection, str]:
-    """Return the meshes, and a text on the frame of their files; print their overview and what is remarkable.
+    """Return the meshes, and a text on the frame of their files; print their overview and remarks on them.
 
     Raises OptionError as `check_sizes` does.
     """
