@@ -16,7 +16,7 @@ from tests.scenes import box
 from zbuf_occlude.base import precompiler
 from zbuf_occlude.base.jit.compiler import njit
 from zbuf_occlude.base.precompiler import Compilation, Precompiler
-from zbuf_occlude.engines.exact import bvh, rays, search
+from zbuf_occlude.engines.exact import bvh, leaves, rays, search
 
 CALLS = "ZBUF_OCCLUDE_TEST_CALLS"
 """Variable of the environment with the folder in which a called function leaves a file."""
@@ -72,7 +72,7 @@ def wait_for(pattern: str, folder: Path) -> list[Path]:
 def test_questions_of_nothing_compile_for_the_arguments_of_all_others() -> None:
     for compile_it in (search.compile_search, rays.compile_first_hits, rays.compile_scattered_rays, bvh.compile_build):
         compile_it()
-    kernels = search._search_views, rays._cast_blocks, rays.cast_singles, bvh._grow_nodes, bvh._fill_runs
+    kernels = search._search_views, rays._cast_blocks, rays.cast_singles, bvh._fill_blocks, leaves._divide_runs
     compiled = [set(kernel.signatures) for kernel in kernels]
     zo.occlude(box(), azimuth=30, elevation=20, n_points=500, method="exact")
     for sensor in ("vlp-16", "hdl-64e"):

@@ -43,7 +43,7 @@ from zbuf_occlude.base.jit.simd import (
     tag_lanes,
 )
 from zbuf_occlude.base.jit.threads import parallel_kernel, take_block
-from zbuf_occlude.base.jit.vec3 import cross, dot, minus
+from zbuf_occlude.base.jit.vec3 import cross, minus
 from zbuf_occlude.engines.exact.bvh import Bvh, corners_of
 from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64
 from zbuf_occlude.geometry.predicates import filtered_hit, is_nearer, ray_triangle_t
@@ -160,17 +160,36 @@ def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
     bvh, scratch = pointer_to(bvh_), pointer_to(memory)
     first, last = take_block(tasks, len(face_ids), TRAVERSAL_RAYS)
     while first < last:
-        for i in range(last - first):
-            o = first + i if len(origins) > 1 else 0
-            for axis in range(3):
-                scratch.origins[3 * i + axis] = origins[o, axis]
-                scratch.directions[3 * i + axis] = directions[first + i, axis]
-            scratch.fractions[i], scratch.errors[i], scratch.own[i] = np.inf, 0.0, -1
+        _take_rays(origins, directions, first, last, scratch)
         traverse_bvh(bvh, scratch, last - first, _keep_nearer)
-        for i in range(last - first):
-            d = triple(scratch.directions, i)
-            face_ids[first + i], distances[first + i] = scratch.faces[i], scratch.fractions[i] * math.sqrt(dot(d, d))
+        _give_hits(scratch.faces, scratch.fractions, scratch.directions, face_ids[first:last], distances[first:last])
         first, last = take_block(tasks, len(face_ids), TRAVERSAL_RAYS)
+
+
+@device_function
+def _take_rays(origins, directions, first, last, scratch):
+    """Copy the rays of a block; without branches, so that the compiler vectorises the loops."""
+    for i in range(3 * (last - first)):
+        store_unchecked(scratch.directions, i, load_unchecked(directions, 3 * first + i))
+    if len(origins) > 1:
+        for i in range(3 * (last - first)):
+            store_unchecked(scratch.origins, i, load_unchecked(origins, 3 * first + i))
+    else:
+        x, y, z = triple(origins, 0)
+        for i in range(last - first):
+            store_unchecked(scratch.origins, 3 * i, x)
+            store_unchecked(scratch.origins, 3 * i + 1, y)
+            store_unchecked(scratch.origins, 3 * i + 2, z)
+    scratch.fractions[:], scratch.errors[:], scratch.own[:] = np.inf, 0.0, -1
+
+
+@njit(error_model="numpy")
+def _give_hits(faces, fractions, directions, face_ids, distances):
+    """Write the hits of a block; without branches, so that the compiler vectorises the loop."""
+    for i in range(len(face_ids)):
+        x, y, z = triple(directions, i)
+        store_unchecked(face_ids, i, load_unchecked(faces, i))
+        store_unchecked(distances, i, load_unchecked(fractions, i) * math.sqrt(x * x + y * y + z * z))
 
 
 @always_inline
@@ -239,7 +258,8 @@ def traverse_bvh(bvh, scratch, n, test):
     of ``scratch.pairs``. It writes hits to ``scratch.faces``, which is -1 at first, and the length that is still to be
     searched to ``scratch.fractions``.
     """
-    _set_up(bvh.centre, bvh.scale, scratch.origins, scratch.directions, n, scratch.rays, scratch.skipped, scratch.units)
+    vectors = scratch.origins, scratch.directions
+    _set_up(bvh.centre, bvh.scale, bvh.box, *vectors, n, scratch.rays, scratch.skipped, scratch.units)
     n_nodes, n_leaves = _begin(scratch, n), 0
     while n_nodes + n_leaves > 0:
         n_nodes, n_leaves = _push_children(bvh, scratch, n_nodes, n_leaves)
@@ -252,10 +272,10 @@ def traverse_bvh(bvh, scratch, n, test):
 
 
 @njit(error_model="numpy")
-def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
+def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
     """Fill in the rows of n rays but `LIMIT`; without branches, so that the compiler vectorises the loop.
 
-    ``skipped`` is infinite for rays that miss the scene's sphere.
+    ``skipped`` is infinite for rays that miss the scene's sphere, or the box of all faces.
     """
     for i in range(n):
         x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
@@ -271,15 +291,18 @@ def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
         p, q, r = u + ahead * x, v + ahead * y, w + ahead * z  # the ray's closest point to the scene's centre
         away = abs(u) + abs(v) + abs(w)
         radius = SPHERE_RADIUS + FAR_ERROR * away
-        skipped[i] = before if p * p + q * q + r * r <= radius * radius else np.inf
         units[i] = scale * length / shrink
-        _set_up_axis(rays, i, 0, u + before * x, x, away)
-        _set_up_axis(rays, i, 1, v + before * y, y, away)
-        _set_up_axis(rays, i, 2, w + before * z, z, away)
+        enter, leave = _set_up_axis(box, rays, i, 0, u + before * x, x, away)
+        y_enter, y_leave = _set_up_axis(box, rays, i, 1, v + before * y, y, away)
+        z_enter, z_leave = _set_up_axis(box, rays, i, 2, w + before * z, z, away)
+        enter, leave = max(max(enter, y_enter), max(z_enter, 0.0)), min(min(leave, y_leave), z_leave)
+        meets = (p * p + q * q + r * r <= radius * radius) & (enter <= leave)
+        skipped[i] = before if meets else np.inf
 
 
 @always_inline
-def _set_up_axis(rays, i, axis, start, direction, away):
+def _set_up_axis(box, rays, i, axis, start, direction, away):
+    """Fill in the rows of an axis; return where the ray enters and leaves the box of all faces along it."""
     inverse = 1.0 / (direction if abs(direction) > MIN_DIRECTION else MIN_DIRECTION)
     margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
     rays[(START + axis) * TRAVERSAL_RAYS + i] = (
@@ -289,21 +312,29 @@ def _set_up_axis(rays, i, axis, start, direction, away):
     rays[(INVERSE + axis) * TRAVERSAL_RAYS + i] = inverse
     rays[(ENTERS + axis) * TRAVERSAL_RAYS + i] = -start * inverse - margin
     rays[(LEAVES + axis) * TRAVERSAL_RAYS + i] = -start * inverse + margin
+    one, other = (box[axis] - start) * inverse, (box[UPPER + axis] - start) * inverse
+    return min(one, other) - margin, max(one, other) + margin
 
 
 @device_function
 def _begin(scratch, n):
-    """Put the rays that meet the scene's sphere at the root; return their number."""
-    n_nodes, room = 0, len(scratch.nodes) // TRAVERSAL_RAYS
+    """Put the rays that are not skipped at the root; return their number."""
+    n_nodes, room, at_node = 0, len(scratch.nodes) // TRAVERSAL_RAYS, scratch.at_node
     for i in range(n):
-        scratch.faces[i], scratch.current[i], scratch.tops[i], scratch.at_node[n_nodes] = -1, 0, LEAF + i * room + 1, i
-        n_nodes += _set_limit(scratch, i) > ZERO
+        store_unchecked(at_node, n_nodes, i)
+        n_nodes += load_unchecked(scratch.skipped, i) < np.inf
+    scratch.faces[:n] = -1
+    for j in range(n_nodes):
+        i = load_unchecked(at_node, j)
+        store_unchecked(scratch.current, i, 0)
+        store_unchecked(scratch.tops, i, LEAF + i * room + 1)
+        _set_limit(scratch, i)
     return n_nodes
 
 
 @always_inline
 def _set_limit(scratch, i):
-    """Write the length of a ray still to be searched, scene units, rounded up; NaN for a ray that misses the sphere.
+    """Write the length of a ray still to be searched, scene units, rounded up.
 
     The nearest hit may be farther by its error, which exceeds all margins where a far ray grazes a face.
     """
@@ -312,7 +343,6 @@ def _set_limit(scratch, i):
     distance = min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
     limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
     store_unchecked(scratch.rays, LIMIT * TRAVERSAL_RAYS + i, limit)
-    return limit
 
 
 @always_inline

@@ -1,0 +1,246 @@
+"""Nodes of the BVH: a binary tree over the leaves, collapsed to nodes of up to 16 children.
+
+References
+----------
+Wald: On fast construction of SAH-based bounding volume hierarchies. IEEE RT 2007, doi:10.1109/RT.2007.4342588 (bins).
+Ylitie, Karras, Laine: Efficient incoherent ray traversal on GPUs through compressed wide BVHs. HPG 2017,
+doi:10.1145/3105762.3105773 (the choice of nodes that costs least).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.base.arrays import IntArray
+from zbuf_occlude.base.jit.compiler import always_inline, device_function
+from zbuf_occlude.base.jit.simd import (
+    load,
+    load_scalar,
+    load_scalar3,
+    load_unchecked,
+    minimum,
+    splat,
+    store,
+    store_unchecked,
+)
+from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64, aligned
+from zbuf_occlude.engines.exact.rows import CENTRE, ROW, cheapest, half_area, joined_rows, partition, width_of
+
+SAH_BINS = 16
+"""Maximum number of bins along an axis of the surface area heuristic that halves spans of leaves."""
+COSTS = 2 * LEAF
+"""Length of a row of costs: 16 times infinity, then those of at most 1, 2, ... 16 nodes or leaves."""
+
+
+class BinaryTree(NamedTuple):
+    """Binary tree over m leaves, nodes of up to 16 children that it is collapsed to, and working memory.
+
+    A half is a span of at least two leaves. The first half of half i is half i + 1, the second one is half i + the
+    leaves of the first; where there is one leaf, there is no such half.
+    """
+
+    leaves: IntArray  # (m,) in the order of the tree
+    spans: Int64  # (m, 3) of each half: first leaf, start of its second half, end
+    rows: Float32  # (m,) row around each half
+    costs: Float32  # (m + 1, 32) least area of the nodes that a half needs (`COSTS`); the last row is that of a leaf
+    bins: Float32  # (3 SAH_BINS + 1,) rows of bins along each axis, and a spare one
+    sizes: Int64  # (3 SAH_BINS,) leaves of each bin
+    areas: Float32  # (SAH_BINS,)
+    keys: IntArray  # (3 m,) bin of each leaf, axis after axis
+    spare: IntArray  # (m,)
+    numbers: IntArray  # (3 SAH_BINS,) 0, 1, 2, ...
+    stack: Int64  # (17, 3) of a node that is being filled: half, or ~leaf; roots allowed
+    todo: Int64  # (m, 3) stack of nodes to be filled: half, node, depth
+    boxes: Float32  # (6 m, 16) and so on as in `bvh.Bvh`
+    children: IntArray  # (16 m,)
+    n_children: IntArray  # (m,)
+    totals: Int64  # (2,) receives the number of nodes and the depth
+
+
+def new_tree(n_leaves: int) -> BinaryTree:
+    """Allocate the tree over a number of leaves, which has at most as many nodes."""
+    room = max(n_leaves, 1)
+    costs = np.full((room + 1, COSTS), np.inf, dtype=np.float32)
+    costs[-1, LEAF:] = 0.0
+    return BinaryTree(
+        leaves=np.arange(n_leaves, dtype=np.int32),
+        spans=np.empty((room, 3), dtype=np.int64),
+        rows=aligned(room * ROW),
+        costs=costs,
+        bins=aligned((3 * SAH_BINS + 1) * ROW),
+        sizes=np.empty(3 * SAH_BINS, dtype=np.int64),
+        areas=np.empty(SAH_BINS, dtype=np.float32),
+        keys=np.empty(3 * room, dtype=np.int32),
+        spare=np.empty(room, dtype=np.int32),
+        numbers=np.arange(3 * SAH_BINS, dtype=np.int32),
+        stack=np.empty((LEAF + 1, 2), dtype=np.int64),
+        todo=np.empty((room, 3), dtype=np.int64),
+        boxes=np.zeros((room * 6, LEAF), dtype=np.float32),
+        children=np.empty(room * LEAF, dtype=np.int32),
+        n_children=np.empty(room, dtype=np.int32),
+        totals=np.zeros(2, dtype=np.int64),
+    )
+
+
+@device_function
+def grow(rows, tree):
+    """Fill in a tree over the leaves with these rows."""
+    n = len(tree.leaves)
+    if n < 2:
+        for _ in range(n):
+            store(tree.rows, 0, load(rows, 0))
+            _put_child(rows, 0, ~0, 0, 0, tree)
+        tree.n_children[0], tree.totals[0], tree.totals[1] = n, 1, 1
+    else:
+        _halve_all(rows, tree)
+        for half in range(n - 2, -1, -1):
+            _sum_costs(half, tree)
+        _collapse(rows, tree)
+
+
+# The binary tree
+
+
+@device_function
+def _halve_all(rows, tree):
+    """Halve the span of all leaves, and its halves, down to single leaves."""
+    spans, n = tree.spans, len(tree.leaves)
+    store(tree.rows, 0, joined_rows(rows, tree.leaves, 0, n))
+    spans[0, 0], spans[0, 2] = 0, n
+    for half in range(n - 1):
+        first, last = spans[half, 0], spans[half, 2]
+        middle = first + 1 if last - first == 2 else _halve(rows, half, tree)
+        spans[half, 1] = middle
+        one, other = half + 1, half + middle - first
+        if middle - first > 1:
+            spans[one, 0], spans[one, 2] = first, middle
+        if last - middle > 1:
+            spans[other, 0], spans[other, 2] = middle, last
+
+
+@device_function
+def _halve(rows, half, tree):
+    """Halve a span where the cost is least; return the start of the second half. Neither half is empty."""
+    first, last, leaves, bins, sizes = tree.spans[half, 0], tree.spans[half, 2], tree.leaves, tree.bins, tree.sizes
+    n_bins = min(last - first, SAH_BINS)
+    lows = load_scalar3(tree.rows, ROW * half + CENTRE, 1)
+    scales = _scale(half, 0, n_bins, tree), _scale(half, 1, n_bins, tree), _scale(half, 2, n_bins, tree)
+    for axis in range(3):
+        for i in range(SAH_BINS * axis, SAH_BINS * axis + n_bins):
+            store(bins, ROW * i, splat(F32_MAX))
+            store_unchecked(sizes, i, 0)
+    for i in range(first, last):
+        leaf = np.int64(load_unchecked(leaves, i))
+        row, centre = load(rows, ROW * leaf), load_scalar3(rows, ROW * leaf + CENTRE, 1)
+        for axis in range(3):
+            key = np.int64((centre[axis] - lows[axis]) * scales[axis]) + SAH_BINS * axis
+            store_unchecked(tree.keys, len(leaves) * axis + leaf, key)
+            store_unchecked(sizes, key, load_unchecked(sizes, key) + 1)
+            store(bins, ROW * key, minimum(load(bins, ROW * key), row))
+    least, start, cut = np.float32(np.inf), 0, 0
+    for axis in range(3):
+        cost, n = cheapest(bins, SAH_BINS * axis, sizes[SAH_BINS * axis :], n_bins, tree.areas)
+        if cost < least:
+            least, start, cut = cost, SAH_BINS * axis, SAH_BINS * axis + n
+    middle = first + partition(leaves[first:last], tree.keys, start // SAH_BINS * len(leaves), cut, tree.spare)
+    one, other = half + 1, half + middle - first
+    if first < middle < last:
+        if middle - first > 1:
+            store(tree.rows, ROW * one, joined_rows(bins, tree.numbers, start, cut))
+        if last - middle > 1:
+            store(tree.rows, ROW * other, joined_rows(bins, tree.numbers, cut, start + n_bins))
+        return middle
+    middle = (first + last) // 2
+    store(tree.rows, ROW * (half + 1), joined_rows(rows, leaves, first, middle))
+    if last - middle > 1:
+        store(tree.rows, ROW * (half + middle - first), joined_rows(rows, leaves, middle, last))
+    return middle
+
+
+@always_inline
+def _scale(half, axis, n_bins, tree):
+    width = width_of(tree.rows, half, axis, CENTRE)
+    return np.float32(n_bins) * np.float32(0.9999) / width if width > ZERO else ZERO
+
+
+# Its collapse
+
+
+@always_inline
+def _rows_of_halves(half, tree):
+    """Return the rows of costs of the two halves of a half."""
+    first, middle, last = tree.spans[half, 0], tree.spans[half, 1], tree.spans[half, 2]
+    leaf = len(tree.costs) - 1
+    one = half + 1 if middle - first > 1 else leaf
+    other = half + middle - first if last - middle > 1 else leaf
+    return one, other
+
+
+@device_function
+def _sum_costs(half, tree):
+    """Fill in the costs of a half whose halves have theirs: j roots are in its first half, the others in its second."""
+    costs, (one, other) = tree.costs, _rows_of_halves(half, tree)
+    least = splat(F32_MAX)
+    for j in range(1, LEAF):
+        split = load(costs, COSTS * other + LEAF - j) + splat(load_scalar(costs, COSTS * one + LEAF + j - 1))
+        least = minimum(split, least)
+    store(costs, COSTS * half + LEAF, least)
+    whole = half_area(tree.rows, half) + load_scalar(costs, COSTS * half + COSTS - 1)
+    store(costs, COSTS * half + LEAF, minimum(least, splat(whole)))
+
+
+@device_function
+def _collapse(rows, tree):
+    """Make nodes of the halves that cost least, parents before children."""
+    todo, stack, costs, spans = tree.todo, tree.stack, tree.costs, tree.spans
+    n_todo, n_nodes, most = 1, 1, 0
+    todo[0, 0], todo[0, 1], todo[0, 2] = 0, 0, 1
+    while n_todo > 0:
+        n_todo -= 1
+        top, node, depth = todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2]
+        most = max(most, depth)
+        n, n_stacked = 0, 1
+        stack[0, 0], stack[0, 1] = top, LEAF
+        while n_stacked > 0:
+            n_stacked -= 1
+            half, roots = stack[n_stacked, 0], stack[n_stacked, 1]
+            if half < 0:
+                _put_child(rows, node, half, ~half, n, tree)
+                n += 1
+            elif half != top and not costs[half, LEAF + roots - 1] < costs[half, LEAF]:
+                _put_child(tree.rows, node, n_nodes, half, n, tree)
+                todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2] = half, n_nodes, depth + 1
+                n_todo += 1
+                n_nodes += 1
+                n += 1
+            else:
+                one, other = _rows_of_halves(half, tree)
+                j = _best_share(costs, one, other, roots)
+                first, middle, last = spans[half, 0], spans[half, 1], spans[half, 2]
+                stack[n_stacked, 0] = other if last - middle > 1 else ~np.int64(tree.leaves[middle])
+                stack[n_stacked, 1] = roots - j
+                stack[n_stacked + 1, 0] = one if middle - first > 1 else ~np.int64(tree.leaves[first])
+                stack[n_stacked + 1, 1] = j
+                n_stacked += 2
+        tree.n_children[node] = n
+    tree.totals[0], tree.totals[1] = n_nodes, most
+
+
+@device_function
+def _best_share(costs, one, other, roots):
+    """Return how many of a number of roots the first half gets at the least cost."""
+    least, share = np.float32(np.inf), 1
+    for j in range(1, roots):
+        cost = costs[one, LEAF + j - 1] + costs[other, LEAF + roots - j - 1]
+        if cost < least:
+            least, share = cost, j
+    return share
+
+
+@always_inline
+def _put_child(rows, node, child, row, lane, tree):
+    """Write a child of a node, and its box."""
+    tree.children[LEAF * node + lane] = child
+    for axis in range(3):
+        tree.boxes[6 * node + axis, lane] = rows[ROW * row + axis]
+        tree.boxes[6 * node + UPPER + axis, lane] = -rows[ROW * row + UPPER + axis]
