@@ -30,7 +30,7 @@ from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, par
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.engines.exact.layout import LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
 from zbuf_occlude.engines.exact.rows import CENTRE, ROW, cheapest, half_area, joined_rows, partition, put_row, width_of
-from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, hilbert_codes, indices_of, new_cells
+from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, hilbert_codes, indices_of, new_cells, sort_keys
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import is_flat
 
@@ -50,7 +50,7 @@ GAP_SHARE = np.float32(0.6)
 """Area of the boxes on both sides of a gap, as a share of the leaf's, below which the leaf is divided."""
 CURVE_BITS = 3 * CODE_BITS
 """Bits of a Hilbert code."""
-LONG_FACE, NO_FACE = 1, 2
+LONG_FACE, NO_FACE, KIND_BITS = 1, 2, 2
 """Kinds of faces in the highest bits of the sort key: long faces, and faces that block nothing; short faces are 0."""
 
 
@@ -98,7 +98,7 @@ def _order_along_curve(mesh: Mesh) -> tuple[IntArray, int, int]:
     keys = np.empty(n_faces, dtype=np.uint64)
     measured = mesh.vertices, mesh.faces, mesh.bounds[0], mesh.longest_side, index_bits, keys
     parallel_for(_measure_faces, n_blocks(n_faces, THREAD), *measured, own=new_cells)
-    keys.sort()
+    keys = sort_keys(keys, index_bits, CURVE_BITS + KIND_BITS)
     kinds = np.array([LONG_FACE, NO_FACE], dtype=np.uint64) << np.uint64(index_bits + CURVE_BITS)
     n_short, n = np.searchsorted(keys, kinds)
     return indices_of(keys, index_bits), int(n_short), int(n)
