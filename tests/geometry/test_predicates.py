@@ -122,13 +122,23 @@ tiny = st.sampled_from([0.0, 1e-17, 3e-200, 5e-324])
 rows = st.tuples(st.tuples(parts, parts, parts), st.tuples(tiny, tiny, tiny))
 
 
-@settings(max_examples=150)
-@given(a=st.tuples(rows, rows, rows), scale=st.sampled_from([1.0, 1e-100, 1e90]), degree=st.integers(0, 2))
-def test_determinants_have_the_sign_of_rational_arithmetic(a: Any, scale: float, degree: int) -> None:
-    """Rows of differences that rounding changes, some nearly parallel: the sign is exact, the size to 1e-9."""
+@settings(max_examples=200)
+@given(
+    a=st.tuples(rows, rows, rows),
+    scale=st.sampled_from([1.0, 1e-100, 1e90]),
+    degree=st.integers(0, 2),
+    level=st.sets(st.integers(0, 2)),
+    axis=st.integers(0, 2),
+)
+def test_determinants_have_the_sign_of_rational_arithmetic(
+    a: Any, scale: float, degree: int, level: set[int], axis: int
+) -> None:
+    """Rows of differences that rounding changes, some nearly parallel, some level: sign exact, size to 1e-9."""
     positions = [(np.array(p) * scale, np.array(q) * scale) for p, q in a]
     if degree:
         positions[degree] = positions[0][0] * (1.0 + 2.0**-52), positions[0][1]
+    for row in level:  # as the rows of a point on a face that is parallel to two axes
+        positions[row][0][axis] = positions[row][1][axis]
     arguments, exact_rows = [], []
     for begin, end in positions:
         high = begin - end

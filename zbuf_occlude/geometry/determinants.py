@@ -125,9 +125,7 @@ def _loses_nothing(x, x_low, y, y_low, z, z_low):
     total = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        if x_low[i] != 0.0:
-            return False
-        if x[i] == 0.0:
+        if x[i] == 0.0 and x_low[i] == 0.0:
             continue
         m = 0.0
         for a, a_low, b, b_low in (
@@ -142,8 +140,10 @@ def _loses_nothing(x, x_low, y, y_low, z, z_low):
             m, before = m + product, m
             if _lost(before, -product, m) != 0.0:
                 return False
+        if m == 0.0:
+            continue
         term = x[i] * m
-        if fma(x[i], m, -term) != 0.0 or 0.0 < abs(term) < TINY:
+        if x_low[i] != 0.0 or fma(x[i], m, -term) != 0.0 or 0.0 < abs(term) < TINY:
             return False
         total, before = total + term, total
         if _lost(before, -term, total) != 0.0:
