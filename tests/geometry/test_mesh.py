@@ -165,3 +165,16 @@ def test_cleaning_does_not_depend_on_scale(faces: list[tuple[int, int, int]], ex
     assert kept[0] == kept[1] == kept[2]
     assert {tuple(sorted(faces[i])) for i in kept[0]} == {tuple(sorted(f)) for f in faces if len(set(f)) == 3}
     assert len({tuple(sorted(faces[i])) for i in kept[0]}) == len(kept[0])
+
+
+@pytest.mark.parametrize("size", [2, 7, 40])
+def test_repeated_faces_of_a_grid_are_dropped_but_the_first(size: int) -> None:
+    """Vertices of a grid, each twice: coordinates whose low bits are zero, against `np.unique`."""
+    rng = np.random.default_rng(size)
+    vertices = np.stack(np.meshgrid(*[np.arange(float(size))] * 3), axis=-1).reshape(-1, 3)[:, [2, 0, 1]]
+    vertices = np.concatenate([vertices, vertices])
+    faces = rng.integers(0, len(vertices), (3000, 3))
+    same = np.unique(np.sort(faces % (len(vertices) // 2), axis=1), axis=0, return_index=True)[1]
+    a, b, c = (vertices[faces[np.sort(same), i]] for i in range(3))
+    has_area = np.cross(b - a, c - a).any(axis=1)
+    assert Mesh(vertices, faces).cleaned().source_face_ids.tolist() == np.sort(same)[has_area].tolist()  # type: ignore[union-attr]

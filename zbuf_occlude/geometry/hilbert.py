@@ -63,11 +63,11 @@ def _sort_by_digit(keys, sorted_keys, counts, first):
     for i in range(len(keys)):
         digit = np.int64((load_unchecked(keys, i) >> shift) & digit_mask)
         store_unchecked(counts, digit, load_unchecked(counts, digit) + 1)
-    total = 0
-    for digit in range(len(counts)):
-        count = counts[digit]
-        counts[digit] = total
-        total += count
+    start = 0
+    for value in range(len(counts)):
+        count = counts[value]
+        counts[value] = start
+        start += count
     for i in range(len(keys)):
         key = load_unchecked(keys, i)
         digit = np.int64((key >> shift) & digit_mask)

@@ -29,6 +29,8 @@ from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.base.provenance import UNKNOWN, MeshSource
 from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
 
+HASH_FACTOR = 0x1E3779B97F4A7C15
+"""Odd number without a pattern of bits, by which the hashes of rows are multiplied."""
 NO_AREA = 1e-12
 """Length of a face's normal, as a share of its longest edge squared, up to which the face counts as having no area."""
 
@@ -321,13 +323,31 @@ def _faulty_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, Boo
 
 
 def _first_equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the index of the first row equal to each row of (n, 3) int64, (n,) int64."""
-    order = np.lexsort(rows.T)  # stable, and several times as fast as np.unique along an axis
-    ordered = rows.take(order, axis=0)
-    is_new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    """Return the index of the first row equal to each row of (n, 3) int64, (n,) int64; O(n)."""
     first = np.empty(len(rows), dtype=np.int64)
-    first[order] = order[is_new][np.cumsum(is_new) - 1]
+    table = np.full(2 << len(rows).bit_length(), -1, dtype=np.int64)  # at most half full
+    _fill_first_equal(rows, table, first)
     return first
+
+
+@njit(cache=True, nogil=True)
+def _fill_first_equal(rows, table, first):
+    """Fill in the first row equal to each, by a hash table of row indices, -1 where empty, with linear probing."""
+    for i in range(len(rows)):
+        code = np.int64(0)
+        for axis in range(3):
+            code = (code ^ rows[i, axis]) * HASH_FACTOR
+            code ^= code >> 29  # into the low bits, which coordinates on a grid leave zero
+        slot = code & (len(table) - 1)
+        while table[slot] >= 0 and (
+            rows[table[slot], 0] != rows[i, 0]
+            or rows[table[slot], 1] != rows[i, 1]
+            or rows[table[slot], 2] != rows[i, 2]
+        ):
+            slot = (slot + 1) & (len(table) - 1)
+        if table[slot] < 0:
+            table[slot] = i
+        first[i] = table[slot]
 
 
 @njit(cache=True, nogil=True)
