@@ -29,7 +29,16 @@ from zbuf_occlude.base.jit.simd import (
 from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel, take_block
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.engines.exact.layout import LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.engines.exact.rows import CENTRE, ROW, cheapest, half_area, joined_rows, partition, put_row, width_of
+from zbuf_occlude.engines.exact.rows import (
+    CENTRE,
+    ROW,
+    cheapest,
+    half_area,
+    joined_rows,
+    partition,
+    put_row,
+    range_of_centres,
+)
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, THREAD, hilbert_codes, indices_of, new_cells, sort_keys
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import is_flat
@@ -236,7 +245,7 @@ def _divide_run(n, rows, sizes, scratch):
 def _sort_along(axis, n, scratch):
     """Sort the n faces of a run by their centres along an axis; row 0 of groups is the box around all of them."""
     boxes, keys, counts = scratch.boxes, scratch.keys, scratch.counts
-    low, width = load_scalar(scratch.groups, CENTRE + axis), width_of(scratch.groups, 0, axis, CENTRE)
+    low, width = range_of_centres(scratch.groups, 0, axis)
     wide = width > ROUNDOFF * ROUNDOFF  # else the scale might be infinite
     scale = np.float32(SORT_KEYS * 0.9999) / width if wide else ZERO
     counts[:] = 0
@@ -299,8 +308,10 @@ def _part_at_gap(first, last, scratch):
     store(parts, 0, minimum(one, other))
     store(parts, ROW, one)
     store(parts, 2 * ROW, other)
-    parted = half_area(parts, 1) + half_area(parts, 2) < GAP_SHARE * half_area(parts, 0)
-    return axis, start if parted else last
+    areas = scratch.areas
+    for i in range(3):
+        areas[i] = half_area(parts, i)
+    return axis, start if areas[1] + areas[2] < GAP_SHARE * areas[0] else last
 
 
 @device_function
@@ -311,7 +322,7 @@ def _reorder(axis, first, middle, last, scratch):
         store_unchecked(scratch.keys, np.int64(load_unchecked(orders, RUN_FACES * axis + i)), i)
     for other in range(3):
         if other != axis:
-            partition(orders[other, first:last], scratch.keys, 0, middle, scratch.spare)
+            partition(orders[other, first:last], scratch.keys, middle, scratch.spare)
 
 
 @device_function

@@ -16,7 +16,6 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function
 from zbuf_occlude.base.jit.simd import (
     load,
     load_scalar,
-    load_scalar3,
     load_unchecked,
     minimum,
     splat,
@@ -24,7 +23,7 @@ from zbuf_occlude.base.jit.simd import (
     store_unchecked,
 )
 from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64, aligned
-from zbuf_occlude.engines.exact.rows import CENTRE, ROW, cheapest, half_area, joined_rows, partition, width_of
+from zbuf_occlude.engines.exact.rows import CENTRE, ROW, cheapest, half_area, joined_rows, partition, range_of_centres
 
 SAH_BINS = 16
 """Maximum number of bins along an axis of the surface area heuristic that halves spans of leaves."""
@@ -45,6 +44,8 @@ class BinaryTree(NamedTuple):
     costs: Float32  # (m + 1, 32) least area of the nodes that a half needs (`COSTS`); the last row is that of a leaf
     bins: Float32  # (3 SAH_BINS + 1,) rows of bins along each axis, and a spare one
     sizes: Int64  # (3 SAH_BINS,) leaves of each bin
+    lows: Float32  # (3,) twice the least centre of a span along each axis
+    scales: Float32  # (3,) bins per that unit
     areas: Float32  # (SAH_BINS,)
     keys: IntArray  # (3 m,) bin of each leaf, axis after axis
     spare: IntArray  # (m,)
@@ -69,6 +70,8 @@ def new_tree(n_leaves: int) -> BinaryTree:
         costs=costs,
         bins=aligned((3 * SAH_BINS + 1) * ROW),
         sizes=np.empty(3 * SAH_BINS, dtype=np.int64),
+        lows=np.empty(3, dtype=np.float32),
+        scales=np.empty(3, dtype=np.float32),
         areas=np.empty(SAH_BINS, dtype=np.float32),
         keys=np.empty(3 * room, dtype=np.int32),
         spare=np.empty(room, dtype=np.int32),
@@ -86,16 +89,11 @@ def new_tree(n_leaves: int) -> BinaryTree:
 def grow(rows, tree):
     """Fill in a tree over the leaves with these rows."""
     n = len(tree.leaves)
-    if n < 2:
-        for _ in range(n):
-            store(tree.rows, 0, load(rows, 0))
-            _put_child(rows, 0, ~0, 0, 0, tree)
-        tree.n_children[0], tree.totals[0], tree.totals[1] = n, 1, 1
-    else:
+    if n > 0:
         _halve_all(rows, tree)
-        for half in range(n - 2, -1, -1):
-            _sum_costs(half, tree)
-        _collapse(rows, tree)
+    for half in range(n - 2, -1, -1):
+        _sum_costs(half, tree)
+    _collapse(rows, tree)
 
 
 # The binary tree
@@ -105,8 +103,8 @@ def grow(rows, tree):
 def _halve_all(rows, tree):
     """Halve the span of all leaves, and its halves, down to single leaves."""
     spans, n = tree.spans, len(tree.leaves)
-    store(tree.rows, 0, joined_rows(rows, tree.leaves, 0, n))
     spans[0, 0], spans[0, 2] = 0, n
+    store(tree.rows, 0, joined_rows(rows, tree.leaves, spans[0, 0], n))
     for half in range(n - 1):
         first, last = spans[half, 0], spans[half, 2]
         middle = first + 1 if last - first == 2 else _halve(rows, half, tree)
@@ -122,18 +120,19 @@ def _halve_all(rows, tree):
 def _halve(rows, half, tree):
     """Halve a span where the cost is least; return the start of the second half. Neither half is empty."""
     first, last, leaves, bins, sizes = tree.spans[half, 0], tree.spans[half, 2], tree.leaves, tree.bins, tree.sizes
-    n_bins = min(last - first, SAH_BINS)
-    lows = load_scalar3(tree.rows, ROW * half + CENTRE, 1)
-    scales = _scale(half, 0, n_bins, tree), _scale(half, 1, n_bins, tree), _scale(half, 2, n_bins, tree)
+    n_bins, lows, scales = min(last - first, SAH_BINS), tree.lows, tree.scales
     for axis in range(3):
+        low, width = range_of_centres(tree.rows, half, axis)
+        lows[axis], scales[axis] = low, np.float32(n_bins) * np.float32(0.9999) / width if width > ZERO else ZERO
         for i in range(SAH_BINS * axis, SAH_BINS * axis + n_bins):
             store(bins, ROW * i, splat(F32_MAX))
             store_unchecked(sizes, i, 0)
     for i in range(first, last):
         leaf = np.int64(load_unchecked(leaves, i))
-        row, centre = load(rows, ROW * leaf), load_scalar3(rows, ROW * leaf + CENTRE, 1)
+        row = load(rows, ROW * leaf)
         for axis in range(3):
-            key = np.int64((centre[axis] - lows[axis]) * scales[axis]) + SAH_BINS * axis
+            centre = load_scalar(rows, ROW * leaf + CENTRE + axis)
+            key = np.int64((centre - load_scalar(lows, axis)) * load_scalar(scales, axis)) + SAH_BINS * axis
             store_unchecked(tree.keys, len(leaves) * axis + leaf, key)
             store_unchecked(sizes, key, load_unchecked(sizes, key) + 1)
             store(bins, ROW * key, minimum(load(bins, ROW * key), row))
@@ -142,25 +141,19 @@ def _halve(rows, half, tree):
         cost, n = cheapest(bins, SAH_BINS * axis, sizes[SAH_BINS * axis :], n_bins, tree.areas)
         if cost < least:
             least, start, cut = cost, SAH_BINS * axis, SAH_BINS * axis + n
-    middle = first + partition(leaves[first:last], tree.keys, start // SAH_BINS * len(leaves), cut, tree.spare)
-    one, other = half + 1, half + middle - first
-    if first < middle < last:
-        if middle - first > 1:
-            store(tree.rows, ROW * one, joined_rows(bins, tree.numbers, start, cut))
-        if last - middle > 1:
-            store(tree.rows, ROW * other, joined_rows(bins, tree.numbers, cut, start + n_bins))
-        return middle
-    middle = (first + last) // 2
-    store(tree.rows, ROW * (half + 1), joined_rows(rows, leaves, first, middle))
-    if last - middle > 1:
-        store(tree.rows, ROW * (half + middle - first), joined_rows(rows, leaves, middle, last))
+    middle = first + partition(leaves[first:last], tree.keys[start // SAH_BINS * len(leaves) :], cut, tree.spare)
+    is_cut = first < middle < last
+    if not is_cut:  # all centres coincide
+        middle = (first + last) // 2
+    for part in range(2):
+        begin, end = (middle, last) if part else (first, middle)
+        if end - begin > 1:
+            if is_cut:
+                joined = joined_rows(bins, tree.numbers, cut if part else start, start + n_bins if part else cut)
+            else:
+                joined = joined_rows(rows, leaves, begin, end)
+            store(tree.rows, ROW * (half + middle - first if part else half + 1), joined)
     return middle
-
-
-@always_inline
-def _scale(half, axis, n_bins, tree):
-    width = width_of(tree.rows, half, axis, CENTRE)
-    return np.float32(n_bins) * np.float32(0.9999) / width if width > ZERO else ZERO
 
 
 # Its collapse
@@ -193,26 +186,29 @@ def _sum_costs(half, tree):
 def _collapse(rows, tree):
     """Make nodes of the halves that cost least, parents before children."""
     todo, stack, costs, spans = tree.todo, tree.stack, tree.costs, tree.spans
-    n_todo, n_nodes, most = 1, 1, 0
+    n_leaves, n_todo, n_nodes, most = len(tree.leaves), 1, 1, 0
     todo[0, 0], todo[0, 1], todo[0, 2] = 0, 0, 1
     while n_todo > 0:
         n_todo -= 1
         top, node, depth = todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2]
         most = max(most, depth)
-        n, n_stacked = 0, 1
-        stack[0, 0], stack[0, 1] = top, LEAF
+        n, n_stacked = 0, min(n_leaves, 1)
+        stack[0, 0], stack[0, 1] = top if n_leaves > 1 else ~0, LEAF
         while n_stacked > 0:
             n_stacked -= 1
             half, roots = stack[n_stacked, 0], stack[n_stacked, 1]
-            if half < 0:
-                _put_child(rows, node, half, ~half, n, tree)
+            is_leaf = half < 0
+            if is_leaf or (half != top and not costs[half, LEAF + roots - 1] < costs[half, LEAF]):
+                boxes, row = (rows, ~half) if is_leaf else (tree.rows, half)
+                for axis in range(3):
+                    tree.boxes[6 * node + axis, n] = boxes[ROW * row + axis]
+                    tree.boxes[6 * node + UPPER + axis, n] = -boxes[ROW * row + UPPER + axis]
+                tree.children[LEAF * node + n] = half if is_leaf else n_nodes
                 n += 1
-            elif half != top and not costs[half, LEAF + roots - 1] < costs[half, LEAF]:
-                _put_child(tree.rows, node, n_nodes, half, n, tree)
-                todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2] = half, n_nodes, depth + 1
-                n_todo += 1
-                n_nodes += 1
-                n += 1
+                if not is_leaf:
+                    todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2] = half, n_nodes, depth + 1
+                    n_todo += 1
+                    n_nodes += 1
             else:
                 one, other = _rows_of_halves(half, tree)
                 j = _best_share(costs, one, other, roots)
@@ -235,12 +231,3 @@ def _best_share(costs, one, other, roots):
         if cost < least:
             least, share = cost, j
     return share
-
-
-@always_inline
-def _put_child(rows, node, child, row, lane, tree):
-    """Write a child of a node, and its box."""
-    tree.children[LEAF * node + lane] = child
-    for axis in range(3):
-        tree.boxes[6 * node + axis, lane] = rows[ROW * row + axis]
-        tree.boxes[6 * node + UPPER + axis, lane] = -rows[ROW * row + UPPER + axis]

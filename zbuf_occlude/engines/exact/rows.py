@@ -24,10 +24,11 @@ def put_row(rows, i, axis, lower, upper):
 
 
 @always_inline
-def width_of(rows, i, axis, first):
-    """Return the width of a row along an axis: of the box if `first` is 0, twice that of the centres if `CENTRE`."""
-    at = ROW * i + first + axis
-    return -load_scalar(rows, at) - load_scalar(rows, at + UPPER)
+def range_of_centres(rows, i, axis):
+    """Return twice the least centre of the boxes that row i joins along an axis, and twice the width of all centres."""
+    at = ROW * i + CENTRE + axis
+    low = load_scalar(rows, at)
+    return low, -load_scalar(rows, at + UPPER) - low
 
 
 @device_function
@@ -75,17 +76,14 @@ def cheapest(rows, row, sizes, n, areas):
 
 
 @device_function
-def partition(order, keys, offset, end, spare):
-    """Move members with a key below `end` to the front, else keep the order; return their number.
-
-    The key of member i is ``keys[offset + i]``.
-    """
+def partition(order, keys, end, spare):
+    """Move members with a key below `end` to the front, else keep the order; return their number."""
     n = 0
     for i in range(len(order)):  # without branches, which would be hard to predict
         which = load_unchecked(order, i)
         store_unchecked(order, n, which)
         store_unchecked(spare, i - n, which)
-        n += int(load_unchecked(keys, offset + np.int64(which)) < end)
+        n += int(load_unchecked(keys, np.int64(which)) < end)
     for i in range(n, len(order)):
         store_unchecked(order, i, load_unchecked(spare, i - n))
     return n
