@@ -140,7 +140,7 @@ def _loses_nothing(x, x_low, y, y_low, z, z_low):
             m, before = m + product, m
             if _lost(before, -product, m) != 0.0:
                 return False
-        if m == 0.0:
+        if m == 0.0:  # nothing was rounded, so the low part of x has no effect either
             continue
         term = x[i] * m
         if x_low[i] != 0.0 or fma(x[i], m, -term) != 0.0 or 0.0 < abs(term) < TINY:

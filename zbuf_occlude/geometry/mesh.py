@@ -202,7 +202,7 @@ class Mesh(ReadOnlyArrays):
     @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box, to which the contact tolerance is relative."""
-        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        return math.hypot(*np.ptp(self.bounds, axis=0))  # it does not underflow
 
     def in_box(self, positions: FloatArray) -> BoolArray:
         """Return which positions (n, 3) lie inside the bounding box, (n,)."""
@@ -324,21 +324,24 @@ def _faulty_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, Boo
 
 def _first_equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the index of the first row equal to each row of (n, 3) int64, (n,) int64; O(n)."""
-    first = np.empty(len(rows), dtype=np.int64)
-    table = np.full(2 << len(rows).bit_length(), -1, dtype=np.int64)  # at most half full
-    _fill_first_equal(rows, table, first)
+    first, bits = np.empty(len(rows), dtype=np.int64), len(rows).bit_length() + 1
+    _fill_first_equal(rows.view(np.uint64), 64 - bits, np.full(1 << bits, -1, dtype=np.int64), first)
     return first
 
 
 @njit(cache=True, nogil=True)
-def _fill_first_equal(rows, table, first):
-    """Fill in the first row equal to each, by a hash table of row indices, -1 where empty, with linear probing."""
+def _fill_first_equal(rows, shift, table, first):
+    """Fill in the first row equal to each, by a hash table of row indices, -1 where empty, with linear probing.
+
+    The high bits of a product depend on all bits of its factors, unlike the low ones: many coordinates end in zeros.
+    """
+    factor, half = np.uint64(HASH_FACTOR), np.uint64(32)
     for i in range(len(rows)):
-        code = np.int64(0)
+        code = np.uint64(0)
         for axis in range(3):
-            code = (code ^ rows[i, axis]) * HASH_FACTOR
-            code ^= code >> 29  # into the low bits, which coordinates on a grid leave zero
-        slot = code & (len(table) - 1)
+            code = (code ^ rows[i, axis]) * factor
+            code ^= code >> half
+        slot = np.int64((code * factor) >> np.uint64(shift))
         while table[slot] >= 0 and (
             rows[table[slot], 0] != rows[i, 0]
             or rows[table[slot], 1] != rows[i, 1]

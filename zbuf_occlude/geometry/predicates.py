@@ -189,7 +189,8 @@ def ray_triangle_t(origin, direction, a, b, c):
     fraction : float
         Distance to the meeting point as a multiple of `direction`, positive; infinity if the ray misses, exactly.
     error : float
-        Bound on the error of `fraction`, at most 1e-8 of it.
+        Bound on the error of `fraction`, at most 1e-8 of it. For faces smaller than 1e-100 it may not hold: products of
+        three lengths underflow.
 
     Notes
     -----

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh
+from zbuf_occlude import ArgumentError, Mesh, SurfacePoints, prepare
 from zbuf_occlude.base.jit.threads import single_threaded
 from zbuf_occlude.engines.exact import bvh as bvh_module
+from zbuf_occlude.engines.exact import search, single_rays
 from zbuf_occlude.engines.exact.bvh import Bvh, build_bvh
 from zbuf_occlude.engines.exact.layout import LEAF
 from zbuf_occlude.engines.exact.nodes import BinaryTree, new_tree
@@ -121,3 +122,38 @@ def test_the_number_of_threads_changes_nothing() -> None:
     np.testing.assert_array_equal(by_many.children[used], by_one.children[used])
     for name in set(Bvh._fields) - {"children"}:
         np.testing.assert_array_equal(getattr(by_many, name), getattr(by_one, name), err_msg=name)
+
+
+@pytest.mark.parametrize("size", [1, 5, 21])
+def test_rays_hit_a_mesh_of_a_few_units_in_the_last_place(size: int) -> None:
+    """The centre is rounded by up to half a unit, so the mesh reaches farther from it than half its diagonal."""
+    rng = np.random.default_rng(size)
+    lattice = rng.integers(0, size + 1, (300, 3, 3)).astype(np.float64)
+    lattice[0, :2] = [0, 0, 0], [size, size, size]
+    mesh = Mesh((2.0**52 + 1001.0 + lattice).reshape(-1, 3), np.arange(900).reshape(-1, 3))
+    directions = rng.integers(-1, 2, (300, 3)).astype(np.float64)
+    directions = directions[directions.any(axis=1)]
+    origins = 2.0**52 + 1001.0 + size * rng.integers(0, 2, (len(directions), 3)) - 2.0 * size * directions
+    with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+        found, truth = occluder.first_hits(origins, directions), oracle.first_hits(origins, directions)
+    assert (truth.face_ids >= 0).sum() > 50
+    assert found.face_ids.tolist() == truth.face_ids.tolist()
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-60])
+def test_lengths_to_be_searched_are_more_than_minus_two(size: int) -> None:
+    """An eye at the point: the traversal's stack ends at -`F32_MAX`, which such a length must stay above."""
+    bvh = build_bvh(Mesh(size * np.eye(3), np.array([[0, 1, 2]])), 0.0)
+    scratch, place = single_rays.make_traversal_scratch(bvh), size * np.full((1, 3), 0.2)
+    which, answer = np.zeros(1, dtype=np.int64), np.zeros((1, 1), dtype=np.uint8)
+    asked = place, np.full(1, -1, dtype=np.int32), place.copy(), which, which, answer
+    search._test_lines_of_sight(np.zeros(4, dtype=np.int64), bvh, *asked, scratch)
+    assert answer.tolist() == [[1]]
+    assert scratch.rays[single_rays.LIMIT * single_rays.TRAVERSAL_RAYS] > -2.0
+
+
+def test_an_eye_far_from_a_tiny_mesh_is_refused() -> None:
+    mesh = Mesh(np.array([[-1, -1, 0], [2, -1, 0], [-1, 2, 0]]) * 1e-170, np.array([[0, 1, 2]]))
+    assert mesh.diagonal == pytest.approx(4.243e-170, rel=1e-3)
+    with prepare(mesh, "exact") as occluder, pytest.raises(ArgumentError, match="diagonals"):
+        occluder.visible(SurfacePoints.free([[0, 0, -1e-170]]), [[0, 0, 1e50]])

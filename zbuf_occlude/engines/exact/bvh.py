@@ -3,6 +3,7 @@
 Scene space is world space moved and scaled so that the mesh fits into the unit sphere.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from zbuf_occlude.engines.exact.leaves import Leaves, divide_into_leaves, fill_l
 from zbuf_occlude.engines.exact.nodes import grow, new_tree
 from zbuf_occlude.geometry.mesh import Mesh
 
+MIN_REACH = 1e-300
+"""Least distance of a corner from the centre, world units, that is scaled to 1: its inverse is finite."""
 BLOCK_LEAVES = 64
 """Leaves that a thread fills at a time."""
 THREAD_LEAVES = 2 * BLOCK_LEAVES
@@ -50,11 +53,12 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
 
     Notes
     -----
-    O(f log f), about 70 bytes per face.
+    O(f log f), about 70 bytes per face; up to 130 where the faces are far apart.
 
     Faces whose corners lie on one line are left out: by definition (`geometry.predicates.blocks`) they block nothing.
     """
-    scale = 2.0 / mesh.diagonal if mesh.diagonal > 0.0 else 1.0
+    reach = math.hypot(*np.abs(mesh.bounds - mesh.centre).max(axis=0))  # more than half the diagonal by the rounding
+    scale = 1.0 / max(reach, MIN_REACH) if reach > 0.0 else 1.0
     return _fill(mesh, scale, contact, divide_into_leaves(mesh, scale))
 
 
@@ -74,17 +78,16 @@ def _fill(mesh: Mesh, scale: float, contact: float, leaves: Leaves) -> Bvh:
 
 @parallel_kernel
 def _fill_blocks(tasks, bvh, leaves, tree, scratch):
-    """Grow the nodes, the first task, and fill blocks of leaves."""
+    """Grow the nodes, which takes longest and is therefore the first task, and fill blocks of leaves."""
     bvh_at, leaves_at, tree_at, scratch_at = pointer_to(bvh), pointer_to(leaves), pointer_to(tree), pointer_to(scratch)
     n_leaves = len(leaves.starts) - 1
-    task = next_task(tasks)
-    while task == 0 or BLOCK_LEAVES * (task - 1) < n_leaves:
-        if task == 0:
+    block = next_task(tasks) - 1
+    while BLOCK_LEAVES * block < n_leaves:
+        if block < 0:
             grow(leaves.rows, tree_at)
-        else:
-            for leaf in range(BLOCK_LEAVES * (task - 1), min(BLOCK_LEAVES * task, n_leaves)):
-                fill_leaf(bvh_at, leaves_at, leaf, scratch_at)
-        task = next_task(tasks)
+        for leaf in range(max(BLOCK_LEAVES * block, 0), min(BLOCK_LEAVES * (block + 1), n_leaves)):
+            fill_leaf(bvh_at, leaves_at, leaf, scratch_at)
+        block = next_task(tasks) - 1
 
 
 def new_bvh(
@@ -119,7 +122,7 @@ def empty_bvh() -> Bvh:
 
 
 def compile_build() -> None:
-    """Compile what builds a hierarchy, the last first, by a mesh of one face without leaves, then with its leaf."""
+    """Compile the filling of leaves, by a hierarchy without leaves, then the division, by a mesh of one face."""
     mesh, nothing = Mesh(np.eye(3), np.arange(3, dtype=np.int32)[None]), np.empty(0, dtype=np.int32)
     _fill(mesh, 1.0, 0.0, Leaves(nothing, np.zeros(1, dtype=np.int64), aligned(0), nothing))
     divide_into_leaves(mesh, 1.0)

@@ -49,8 +49,8 @@ LONG_FRACTION = 0.125
 """Length, as a share of the mesh's longest side, above which faces get leaves of their own."""
 RUN_FACES = 512
 """Faces of a run, which one thread divides into leaves; a multiple of `LEAF`."""
-RUN_LEAVES = 2 * RUN_FACES // LEAF
-"""Maximum leaves of a run."""
+RUN_LEAVES = 2 * RUN_FACES // LEAF + 2
+"""Maximum leaves of a run: the first 16 i faces are divided at up to i + 2 gaps."""
 THREAD_RUNS = 4
 """Minimum runs per extra thread; below this, waking it costs more."""
 SORT_KEYS = 512
@@ -66,7 +66,7 @@ LONG_FACE, NO_FACE, KIND_BITS = 1, 2, 2
 class Leaves(NamedTuple):
     """Division of f faces into m leaves."""
 
-    members: IntArray  # (f,) face ids, leaf by leaf
+    members: IntArray  # (f,) face ids, leaf by leaf, within a leaf in no particular order
     starts: Int64  # (m + 1,) first member of each leaf, and f
     rows: Float32  # (m,) rows (`rows.put_row`) around the faces of each leaf, scene space, rounded outwards
     left_out: IntArray  # face ids of faces that cannot block: their corners lie on one line
@@ -152,7 +152,7 @@ class RunScratch(NamedTuple):
     groups: Float32  # (3, RUN_FACES / 16) rows of 16 faces along each axis, and a spare one
     sizes: Int64  # (RUN_FACES / 16,) faces of each group
     areas: Float32  # (RUN_FACES / 16,) half the area of the box around each group and those after it
-    segments: Int64  # (RUN_LEAVES + 1, 3) stack of segments: first, end, and the axis whose groups are joined
+    segments: Int64  # (RUN_LEAVES, 3) stack of segments: first, end, and the axis whose groups are joined
     parts: Float32  # (3,) rows of a segment and of its two parts
 
 
@@ -168,7 +168,7 @@ def _new_scratch() -> RunScratch:
         groups=aligned((3 * n + 1) * ROW),
         sizes=np.empty(n, dtype=np.int64),
         areas=np.empty(n, dtype=np.float32),
-        segments=np.empty((RUN_LEAVES + 1, 3), dtype=np.int64),
+        segments=np.empty((RUN_LEAVES, 3), dtype=np.int64),
         parts=aligned(3 * ROW),
     )
 
@@ -225,7 +225,7 @@ def _divide_run(n, rows, sizes, scratch):
         first, last, axis = segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2]
         if last - first > LEAF:
             axis, middle = _halve(first, last, axis, scratch)
-        elif n_parted < RUN_LEAVES - RUN_FACES // LEAF:
+        elif n_parted < last // LEAF + 2:
             axis, middle = _part_at_gap(first, last, scratch)
             n_parted += middle < last
         else:
@@ -290,7 +290,10 @@ def _join_groups(axis, first, last, scratch):
 
 @device_function
 def _part_at_gap(first, last, scratch):
-    """Return the axis of a leaf's widest gap, and the start of the part behind it; the leaf's end if it stays whole."""
+    """Return the axis of a leaf's widest gap, and the start of the part behind it; the leaf's end if it stays whole.
+
+    Faces of equal sort key may hide a wider gap; areas decide whether the leaf is divided.
+    """
     boxes, parts, orders = scratch.boxes, scratch.parts, scratch.orders
     axis, start, widest = 0, first, ZERO
     for candidate in range(3):

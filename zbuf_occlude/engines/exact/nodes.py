@@ -34,14 +34,14 @@ COSTS = 2 * LEAF
 class BinaryTree(NamedTuple):
     """Binary tree over m leaves, nodes of up to 16 children that it is collapsed to, and working memory.
 
-    A half is a span of at least two leaves. The first half of half i is half i + 1, the second one is half i + the
-    leaves of the first; where there is one leaf, there is no such half.
+    Its nodes are spans of at least two leaves. The first half of span i is span i + 1, its second half is span i + the
+    number of leaves of the first. A half of one leaf is no span.
     """
 
     leaves: IntArray  # (m,) in the order of the tree
-    spans: Int64  # (m, 3) of each half: first leaf, start of its second half, end
-    rows: Float32  # (m,) row around each half
-    costs: Float32  # (m + 1, 32) least area of the nodes that a half needs (`COSTS`); the last row is that of a leaf
+    spans: Int64  # (m, 3) first leaf, start of the second half, end
+    rows: Float32  # (m,) row around each span
+    costs: Float32  # (m + 1, 32) least area of the nodes that a span needs (`COSTS`); the last row is that of a leaf
     bins: Float32  # (3 SAH_BINS + 1,) rows of bins along each axis, and a spare one
     sizes: Int64  # (3 SAH_BINS,) leaves of each bin
     lows: Float32  # (3,) twice the least centre of a span along each axis
@@ -50,8 +50,8 @@ class BinaryTree(NamedTuple):
     keys: IntArray  # (3 m,) bin of each leaf, axis after axis
     spare: IntArray  # (m,)
     numbers: IntArray  # (3 SAH_BINS,) 0, 1, 2, ...
-    stack: Int64  # (17, 3) of a node that is being filled: half, or ~leaf; roots allowed
-    todo: Int64  # (m, 3) stack of nodes to be filled: half, node, depth
+    stack: Int64  # (16, 2) stack of the node being filled: span or ~leaf, and the roots it may have
+    todo: Int64  # (m, 3) stack of nodes to be filled: span, node, depth
     boxes: Float32  # (6 m, 16) and so on as in `bvh.Bvh`
     children: IntArray  # (16 m,)
     n_children: IntArray  # (m,)
@@ -76,7 +76,7 @@ def new_tree(n_leaves: int) -> BinaryTree:
         keys=np.empty(3 * room, dtype=np.int32),
         spare=np.empty(room, dtype=np.int32),
         numbers=np.arange(3 * SAH_BINS, dtype=np.int32),
-        stack=np.empty((LEAF + 1, 2), dtype=np.int64),
+        stack=np.empty((LEAF, 2), dtype=np.int64),
         todo=np.empty((room, 3), dtype=np.int64),
         boxes=np.zeros((room * 6, LEAF), dtype=np.float32),
         children=np.empty(room * LEAF, dtype=np.int32),
@@ -87,12 +87,12 @@ def new_tree(n_leaves: int) -> BinaryTree:
 
 @device_function
 def grow(rows, tree):
-    """Fill in a tree over the leaves with these rows."""
+    """Fill in the nodes over leaves with these rows: halve spans, sum their costs, collapse the binary tree."""
     n = len(tree.leaves)
     if n > 0:
         _halve_all(rows, tree)
-    for half in range(n - 2, -1, -1):
-        _sum_costs(half, tree)
+    for span in range(n - 2, -1, -1):
+        _sum_costs(span, tree)
     _collapse(rows, tree)
 
 
@@ -105,11 +105,11 @@ def _halve_all(rows, tree):
     spans, n = tree.spans, len(tree.leaves)
     spans[0, 0], spans[0, 2] = 0, n
     store(tree.rows, 0, joined_rows(rows, tree.leaves, spans[0, 0], n))
-    for half in range(n - 1):
-        first, last = spans[half, 0], spans[half, 2]
-        middle = first + 1 if last - first == 2 else _halve(rows, half, tree)
-        spans[half, 1] = middle
-        one, other = half + 1, half + middle - first
+    for span in range(n - 1):
+        first, last = spans[span, 0], spans[span, 2]
+        middle = first + 1 if last - first == 2 else _halve(rows, span, tree)
+        spans[span, 1] = middle
+        one, other = span + 1, span + middle - first
         if middle - first > 1:
             spans[one, 0], spans[one, 2] = first, middle
         if last - middle > 1:
@@ -117,12 +117,12 @@ def _halve_all(rows, tree):
 
 
 @device_function
-def _halve(rows, half, tree):
+def _halve(rows, span, tree):
     """Halve a span where the cost is least; return the start of the second half. Neither half is empty."""
-    first, last, leaves, bins, sizes = tree.spans[half, 0], tree.spans[half, 2], tree.leaves, tree.bins, tree.sizes
+    first, last, leaves, bins, sizes = tree.spans[span, 0], tree.spans[span, 2], tree.leaves, tree.bins, tree.sizes
     n_bins, lows, scales = min(last - first, SAH_BINS), tree.lows, tree.scales
     for axis in range(3):
-        low, width = range_of_centres(tree.rows, half, axis)
+        low, width = range_of_centres(tree.rows, span, axis)
         lows[axis], scales[axis] = low, np.float32(n_bins) * np.float32(0.9999) / width if width > ZERO else ZERO
         for i in range(SAH_BINS * axis, SAH_BINS * axis + n_bins):
             store(bins, ROW * i, splat(F32_MAX))
@@ -141,10 +141,9 @@ def _halve(rows, half, tree):
         cost, n = cheapest(bins, SAH_BINS * axis, sizes[SAH_BINS * axis :], n_bins, tree.areas)
         if cost < least:
             least, start, cut = cost, SAH_BINS * axis, SAH_BINS * axis + n
-    middle = first + partition(leaves[first:last], tree.keys[start // SAH_BINS * len(leaves) :], cut, tree.spare)
-    is_cut = first < middle < last
-    if not is_cut:  # all centres coincide
-        middle = (first + last) // 2
+    is_cut, middle = least < np.inf, (first + last) // 2  # infinite where all centres coincide
+    if is_cut:
+        middle = first + partition(leaves[first:last], tree.keys[start // SAH_BINS * len(leaves) :], cut, tree.spare)
     for part in range(2):
         begin, end = (middle, last) if part else (first, middle)
         if end - begin > 1:
@@ -152,7 +151,7 @@ def _halve(rows, half, tree):
                 joined = joined_rows(bins, tree.numbers, cut if part else start, start + n_bins if part else cut)
             else:
                 joined = joined_rows(rows, leaves, begin, end)
-            store(tree.rows, ROW * (half + middle - first if part else half + 1), joined)
+            store(tree.rows, ROW * (span + middle - first if part else span + 1), joined)
     return middle
 
 
@@ -160,31 +159,31 @@ def _halve(rows, half, tree):
 
 
 @always_inline
-def _rows_of_halves(half, tree):
-    """Return the rows of costs of the two halves of a half."""
-    first, middle, last = tree.spans[half, 0], tree.spans[half, 1], tree.spans[half, 2]
+def _rows_of_halves(span, tree):
+    """Return the rows of costs of the two halves of a span."""
+    first, middle, last = tree.spans[span, 0], tree.spans[span, 1], tree.spans[span, 2]
     leaf = len(tree.costs) - 1
-    one = half + 1 if middle - first > 1 else leaf
-    other = half + middle - first if last - middle > 1 else leaf
+    one = span + 1 if middle - first > 1 else leaf
+    other = span + middle - first if last - middle > 1 else leaf
     return one, other
 
 
 @device_function
-def _sum_costs(half, tree):
-    """Fill in the costs of a half whose halves have theirs: j roots are in its first half, the others in its second."""
-    costs, (one, other) = tree.costs, _rows_of_halves(half, tree)
+def _sum_costs(span, tree):
+    """Fill in the costs of a span whose halves have theirs: j roots are in its first half, the others in its second."""
+    costs, (one, other) = tree.costs, _rows_of_halves(span, tree)
     least = splat(F32_MAX)
-    for j in range(1, LEAF):
+    for j in range(1, LEAF):  # lanes of up to j roots read infinity
         split = load(costs, COSTS * other + LEAF - j) + splat(load_scalar(costs, COSTS * one + LEAF + j - 1))
         least = minimum(split, least)
-    store(costs, COSTS * half + LEAF, least)
-    whole = half_area(tree.rows, half) + load_scalar(costs, COSTS * half + COSTS - 1)
-    store(costs, COSTS * half + LEAF, minimum(least, splat(whole)))
+    store(costs, COSTS * span + LEAF, least)
+    whole = half_area(tree.rows, span) + load_scalar(costs, COSTS * span + COSTS - 1)
+    store(costs, COSTS * span + LEAF, minimum(least, splat(whole)))
 
 
 @device_function
 def _collapse(rows, tree):
-    """Make nodes of the halves that cost least, parents before children."""
+    """Make nodes of the spans that cost least, parents before children."""
     todo, stack, costs, spans = tree.todo, tree.stack, tree.costs, tree.spans
     n_leaves, n_todo, n_nodes, most = len(tree.leaves), 1, 1, 0
     todo[0, 0], todo[0, 1], todo[0, 2] = 0, 0, 1
@@ -196,23 +195,23 @@ def _collapse(rows, tree):
         stack[0, 0], stack[0, 1] = top if n_leaves > 1 else ~0, LEAF
         while n_stacked > 0:
             n_stacked -= 1
-            half, roots = stack[n_stacked, 0], stack[n_stacked, 1]
-            is_leaf = half < 0
-            if is_leaf or (half != top and not costs[half, LEAF + roots - 1] < costs[half, LEAF]):
-                boxes, row = (rows, ~half) if is_leaf else (tree.rows, half)
+            span, roots = stack[n_stacked, 0], stack[n_stacked, 1]
+            is_leaf = span < 0
+            if is_leaf or (span != top and not costs[span, LEAF + roots - 1] < costs[span, LEAF]):
+                boxes, row = (rows, ~span) if is_leaf else (tree.rows, span)
                 for axis in range(3):
                     tree.boxes[6 * node + axis, n] = boxes[ROW * row + axis]
                     tree.boxes[6 * node + UPPER + axis, n] = -boxes[ROW * row + UPPER + axis]
-                tree.children[LEAF * node + n] = half if is_leaf else n_nodes
+                tree.children[LEAF * node + n] = span if is_leaf else n_nodes
                 n += 1
                 if not is_leaf:
-                    todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2] = half, n_nodes, depth + 1
+                    todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2] = span, n_nodes, depth + 1
                     n_todo += 1
                     n_nodes += 1
             else:
-                one, other = _rows_of_halves(half, tree)
+                one, other = _rows_of_halves(span, tree)
                 j = _best_share(costs, one, other, roots)
-                first, middle, last = spans[half, 0], spans[half, 1], spans[half, 2]
+                first, middle, last = spans[span, 0], spans[span, 1], spans[span, 2]
                 stack[n_stacked, 0] = other if last - middle > 1 else ~np.int64(tree.leaves[middle])
                 stack[n_stacked, 1] = roots - j
                 stack[n_stacked + 1, 0] = one if middle - first > 1 else ~np.int64(tree.leaves[first])

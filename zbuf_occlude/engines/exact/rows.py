@@ -25,7 +25,10 @@ def put_row(rows, i, axis, lower, upper):
 
 @always_inline
 def range_of_centres(rows, i, axis):
-    """Return twice the least centre of the boxes that row i joins along an axis, and twice the width of all centres."""
+    """Return twice the least centre of the boxes that row i joins along an axis, and twice the width of all centres.
+
+    The width of rounded-out boxes is 0 or at least 2^-48.
+    """
     at = ROW * i + CENTRE + axis
     low = load_scalar(rows, at)
     return low, -load_scalar(rows, at + UPPER) - low
@@ -53,7 +56,8 @@ def cheapest(rows, row, sizes, n, areas):
     """Return the least cost of dividing n rows in two, and the number of rows in the first part.
 
     The rows start at `row` and hold `sizes` leaves or faces each; the last of `rows` is scratch. The cost is that of
-    the surface area heuristic: area times size, of both parts.
+    the surface area heuristic: area times size, of both parts. Without a finite cost, as where all members are in one
+    row, it returns infinity and 1.
     """
     last = len(rows) // ROW - 1
     joined, behind = load(rows, ROW * (row + n - 1)), 0

@@ -105,7 +105,7 @@ class TraversalScratch(NamedTuple):
     points: FloatArray  # (3 n,) ends of lines of sight
     fractions: FloatArray  # (n,) length still to be searched, or distance of the nearest hit so far, in directions
     errors: FloatArray  # (n,) error bounds of `fractions`
-    skipped: FloatArray  # (n,) distance from the origin to the start, scene units
+    skipped: FloatArray  # (n,) distance from the origin to the start, scene units; infinite if the ray misses all faces
     units: FloatArray  # (n,) scene units per direction
     own: Int64  # (n,) own face of the point, which does not hide it; -1 for none
     faces: Int64  # (n,) nearest face so far, -1 for none
@@ -334,13 +334,13 @@ def _begin(scratch, n):
 
 @always_inline
 def _set_limit(scratch, i):
-    """Write the length of a ray still to be searched, scene units, rounded up.
+    """Write the length of a ray still to be searched, scene units, rounded up; it is finite, and more than -2.
 
     The nearest hit may be farther by its error, which exceeds all margins where a far ray grazes a face.
     """
     more = 2.0 * FAR_ERROR * scratch.skipped[i]
     fraction = scratch.fractions[i] + scratch.errors[i]
-    distance = min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH)
+    distance = max(min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH), -1.0)
     limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
     store_unchecked(scratch.rays, LIMIT * TRAVERSAL_RAYS + i, limit)
 
@@ -381,7 +381,7 @@ def _push_children(bvh, scratch, n_nodes, n_leaves):
             while rest:
                 rest = _push_child(children, first_child, enter, entries, at, state, top, rest)
             top += count_lanes(mask) - 1
-            # ends at the bottom at the latest: distances are too small for a limit of -infinity
+            # ends at the bottom at the latest, since every limit is more than -2
             while load_unchecked(nearest, top) > _row(rays, i, LIMIT):
                 top -= 1
             n_next, n_leaves = _take(i, top, state, n_next, n_leaves)
