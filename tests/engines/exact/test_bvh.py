@@ -78,6 +78,11 @@ def test_a_leaf_with_a_gap_is_divided_there() -> None:
     assert len(build_bvh(Mesh(evenly.reshape(-1, 3), np.arange(48).reshape(-1, 3)), 0.0).face_ids) == 1
 
 
+def test_scattered_faces_do_not_get_many_more_leaves() -> None:
+    n = 50_000
+    assert len(build_bvh(clusters(n, 1), 0.0).face_ids) < 1.2 * n / LEAF
+
+
 def least_area(tree: BinaryTree, leaves: int) -> float:
     """Return the least total half area of the nodes of any collapse of a binary tree, by trying them all."""
     first, middle, last = tree.spans[: leaves - 1].T

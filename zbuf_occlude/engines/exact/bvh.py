@@ -53,7 +53,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
 
     Notes
     -----
-    O(f log f), about 70 bytes per face; up to 130 where the faces are far apart.
+    O(f log f), about 70 bytes per face.
 
     Faces whose corners lie on one line are left out: by definition (`geometry.predicates.blocks`) they block nothing.
     """

@@ -49,13 +49,16 @@ LONG_FRACTION = 0.125
 """Length, as a share of the mesh's longest side, above which faces get leaves of their own."""
 RUN_FACES = 512
 """Faces of a run, which one thread divides into leaves; a multiple of `LEAF`."""
-RUN_LEAVES = 2 * RUN_FACES // LEAF + 2
-"""Maximum leaves of a run: the first 16 i faces are divided at up to i + 2 gaps."""
+PARTED_FACES = 8 * LEAF
+"""Faces of a run for each leaf, besides two, that may be divided at a gap. Scattered faces have gaps everywhere, and many
+small leaves make a search slower."""
+RUN_LEAVES = RUN_FACES // LEAF + RUN_FACES // PARTED_FACES + 2
+"""Maximum leaves of a run."""
 THREAD_RUNS = 4
 """Minimum runs per extra thread; below this, waking it costs more."""
 SORT_KEYS = 512
 """Number of sort keys along an axis of a run; faces of equal key keep the order of the curve."""
-GAP_SHARE = np.float32(0.6)
+GAP_SHARE = np.float32(0.5)
 """Area of the boxes on both sides of a gap, as a share of the leaf's, below which the leaf is divided."""
 CURVE_BITS = 3 * CODE_BITS
 """Bits of a Hilbert code."""
@@ -225,7 +228,7 @@ def _divide_run(n, rows, sizes, scratch):
         first, last, axis = segments[n_segments, 0], segments[n_segments, 1], segments[n_segments, 2]
         if last - first > LEAF:
             axis, middle = _halve(first, last, axis, scratch)
-        elif n_parted < last // LEAF + 2:
+        elif n_parted < last // PARTED_FACES + 2:
             axis, middle = _part_at_gap(first, last, scratch)
             n_parted += middle < last
         else:
