@@ -50,8 +50,8 @@ LONG_FRACTION = 0.125
 RUN_FACES = 512
 """Faces of a run, which one thread divides into leaves; a multiple of `LEAF`."""
 PARTED_FACES = 8 * LEAF
-"""Faces of a run for each leaf, besides two, that may be divided at a gap. Scattered faces have gaps everywhere, and many
-small leaves make a search slower."""
+"""Faces of a run for each leaf, besides two, that may be divided at a gap. Scattered faces have gaps everywhere, and
+many small leaves make a search slower."""
 RUN_LEAVES = RUN_FACES // LEAF + RUN_FACES // PARTED_FACES + 2
 """Maximum leaves of a run."""
 THREAD_RUNS = 4
