@@ -45,8 +45,8 @@ def hilbert_order(positions: FloatArray) -> IntArray:
 def sort_keys(keys: Keys, index_bits: int, code_bits: int) -> Keys:
     """Return keys (n,) sorted by their codes; keys of one code keep their order. O(n); the given array is overwritten.
 
-    A key is a code of `code_bits`, below it an index of `index_bits`. This radix sort takes a fifth of the time of
-    `numpy.sort`, a third of the time that preparing a mesh would take with it.
+    A key is a code of `code_bits`, and below it an index of `index_bits`. `numpy.sort` takes five times as long as this
+    radix sort; with it, sorting took a quarter of the time of preparing a mesh.
     """
     spare, counts = np.empty_like(keys), np.empty(1 << DIGIT_BITS, dtype=np.int64)
     for first in range(index_bits, index_bits + code_bits, DIGIT_BITS):

@@ -90,13 +90,13 @@ def least_area(tree: BinaryTree, leaves: int) -> float:
     one, other = np.where(middle - first > 1, one, -1), np.where(last - middle > 1, other, -1)
     lower, upper = tree.rows.reshape(-1, 16)[: leaves - 1, :3], -tree.rows.reshape(-1, 16)[: leaves - 1, 3:6]
     x, y, z = (upper - lower).T
-    chosen = np.arange(2 ** (leaves - 2))[:, None] >> np.arange(leaves - 2) & 1  # of all halves but the root
+    chosen = np.arange(2 ** (leaves - 2))[:, None] >> np.arange(leaves - 2) & 1  # of all spans but the root
     chosen = np.concatenate([np.ones((len(chosen), 1), dtype=np.int64), chosen], axis=1)
     fits, children = np.ones(len(chosen), dtype=bool), np.zeros_like(chosen)
-    for half in range(leaves - 2, -1, -1):
-        for part in (one[half], other[half]):
-            children[:, half] += 1 if part < 0 else np.where(chosen[:, part], 1, children[:, part])
-        fits &= (chosen[:, half] == 0) | (children[:, half] <= LEAF)
+    for span in range(leaves - 2, -1, -1):
+        for half in (one[span], other[span]):
+            children[:, span] += 1 if half < 0 else np.where(chosen[:, half], 1, children[:, half])
+        fits &= (chosen[:, span] == 0) | (children[:, span] <= LEAF)
     return float((chosen[fits] @ (x * y + y * z + z * x)).min())
 
 

@@ -57,7 +57,8 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
 
     Faces whose corners lie on one line are left out: by definition (`geometry.predicates.blocks`) they block nothing.
     """
-    reach = math.hypot(*np.abs(mesh.bounds - mesh.centre).max(axis=0))  # more than half the diagonal by the rounding
+    # the centre is rounded, so the box may reach farther from it than half its diagonal
+    reach = math.hypot(*np.abs(mesh.bounds - mesh.centre).max(axis=0))
     scale = 1.0 / max(reach, MIN_REACH) if reach > 0.0 else 1.0
     return _fill(mesh, scale, contact, divide_into_leaves(mesh, scale))
 

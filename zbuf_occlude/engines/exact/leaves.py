@@ -1,7 +1,7 @@
 """Leaves of the BVH: at most 16 neighbouring faces each.
 
 Runs of `RUN_FACES` faces along the Hilbert curve are halved by the surface area heuristic, at multiples of 16 faces, so
-that leaves are full. The last faces of a half may be far apart: a leaf with a wide gap is divided there.
+that leaves are full. Some leaves then join faces that are far apart. They are divided at their widest gap.
 
 References
 ----------
