@@ -298,8 +298,15 @@ def _compare_hits(
 
 @njit()
 def _meet_at_once(origin, direction, corners, other_corners):
-    """Return whether two faces that a ray meets have the same corners, or share an edge or corner that it meets."""
+    """Return whether a ray meets two faces in one point, for plain reasons.
+
+    They lie in one plane across an axis, have the same corners, or share an edge or corner that the ray meets.
+    """
     a, b, c = corners
+    d, e, f = other_corners
+    for axis in range(3):
+        if a[axis] == b[axis] == c[axis] == d[axis] == e[axis] == f[axis]:
+            return True
     has_a, has_b, has_c = _is_among(a, other_corners), _is_among(b, other_corners), _is_among(c, other_corners)
     if has_a & has_b & has_c:
         return True
