@@ -15,7 +15,6 @@ from zbuf_occlude.base.jit.simd import (
     dot3,
     first_lane,
     load,
-    load3,
     load_scalar,
     load_scalar3,
     maximum,
@@ -26,7 +25,7 @@ from zbuf_occlude.base.jit.simd import (
 )
 from zbuf_occlude.base.jit.threads import n_threads
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
-from zbuf_occlude.engines.exact.bvh import Bvh, build_bvh, corners_of
+from zbuf_occlude.engines.exact.bvh import Bvh, build_bvh, corners_in_leaf, corners_of
 from zbuf_occlude.engines.exact.layout import LEAF, UPPER, ZERO
 from zbuf_occlude.geometry.mesh import Mesh
 
@@ -302,13 +301,11 @@ def _children_within(bvh, node, walls):
 @device_function
 def _faces_within(bvh, leaf, walls):
     """Return the mask of a leaf's faces, except those wholly behind a wall by more than the float32 error."""
-    mask = bvh.used[leaf]
+    mask, (a, b, c) = bvh.used[leaf], corners_in_leaf(bvh, leaf)
     for i in range(WALLS):
-        across, away = splat3(load_scalar3(walls, 4 * i, 1)), splat(load_scalar(walls, 4 * i + 3))
-        highest = dot3(load3(bvh.corners, 9 * LEAF * leaf, LEAF), across, away)
-        for corner in range(1, 3):
-            highest = maximum(highest, dot3(load3(bvh.corners, (9 * leaf + 3 * corner) * LEAF, LEAF), across, away))
-        mask &= not_less(highest, splat(-MARGIN))
+        across, away = splat3(load_scalar3(walls, 4 * i, 1)), load_scalar(walls, 4 * i + 3)
+        highest = maximum(dot3(a, across), maximum(dot3(b, across), dot3(c, across)))
+        mask &= not_less(highest + away, splat(-MARGIN))
     return mask
 
 

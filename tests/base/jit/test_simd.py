@@ -7,7 +7,6 @@ from numba.core.errors import TypingError
 
 from zbuf_occlude.base.jit import simd
 from zbuf_occlude.base.jit.simd import load, load_wide, store
-from zbuf_occlude.base.jit.vec3 import cross
 
 RNG = np.random.default_rng(0)
 SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 3e-39], dtype=np.float32)
@@ -178,17 +177,19 @@ def test_three_vectors_at_a_time() -> None:
     @njit
     def kernel(a, b, matrix, out):  # type: ignore[no-untyped-def]
         u, v = simd.load3(a, 0, 16), simd.load3(b, 0, 16)
-        store(out, 0, simd.dot3(u, v, simd.splat(np.float32(0.5))))
-        simd.store3(out, 16, 16, cross(u, v))
+        store(out, 0, -simd.dot3(u, v))
+        simd.store3(out, 16, 16, simd.cross3(u, v))
         simd.store3(out, 64, 16, simd.transform(matrix, u[0], u[1], u[2]))
         simd.store3(out, 112, 16, simd.splat3((matrix[0], matrix[1], matrix[2])))
         out[160:163] = simd.load_scalar3(matrix, 1, 4)
+        simd.store3(out, 176, 16, simd.cross3_add(u, v, u))
 
-    out = np.zeros((11, 16), dtype=np.float32)
+    out = np.zeros((14, 16), dtype=np.float32)
     kernel(a, b, matrix, out.reshape(-1))
     rows = matrix.reshape(3, 4)
-    np.testing.assert_allclose(out[0], (a * b).sum(axis=0) + 0.5, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(out[0], -(a * b).sum(axis=0), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[1:4], np.cross(a, b, axis=0), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[4:7], rows[:, :3] @ a + rows[:, 3:], rtol=1e-5, atol=1e-5)
     assert np.array_equal(out[7:10], np.repeat(matrix[:3, None], 16, axis=1))
     assert np.array_equal(out[10, :3], rows[:, 1])
+    np.testing.assert_allclose(out[11:14], np.cross(a, b, axis=0) + a, rtol=1e-5, atol=1e-5)

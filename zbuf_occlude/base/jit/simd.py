@@ -175,6 +175,8 @@ def _operator(function: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
 _operator(operator.add, lambda builder, a, b: builder.fadd(a, b))
 _operator(operator.sub, lambda builder, a, b: builder.fsub(a, b))
 _operator(operator.mul, lambda builder, a, b: builder.fmul(a, b))
+infer_global(operator.neg)(_Arithmetic)
+lower_builtin(operator.neg, VectorType)(lambda context, builder, signature, args: builder.fneg(*args))
 
 
 @intrinsic
@@ -420,9 +422,29 @@ def splat3(values):
 
 
 @always_inline
-def dot3(a, b, c):
-    """Compute a . b + c."""
-    return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
+def dot3(a, b):
+    """Compute a . b."""
+    return muladd(a[0], b[0], muladd(a[1], b[1], a[2] * b[2]))
+
+
+@always_inline
+def cross3(a, b):
+    """Compute a x b."""
+    return (
+        muladd(a[1], b[2], -(a[2] * b[1])),
+        muladd(a[2], b[0], -(a[0] * b[2])),
+        muladd(a[0], b[1], -(a[1] * b[0])),
+    )
+
+
+@always_inline
+def cross3_add(a, b, c):
+    """Compute a x b + c."""
+    return (
+        muladd(a[1], b[2], muladd(-a[2], b[1], c[0])),
+        muladd(a[2], b[0], muladd(-a[0], b[2], c[1])),
+        muladd(a[0], b[1], muladd(-a[1], b[0], c[2])),
+    )
 
 
 @always_inline

@@ -11,9 +11,11 @@ import numpy as np
 from zbuf_occlude.base.arrays import FloatArray, IntArray, set_readonly
 from zbuf_occlude.base.jit.compiler import always_inline
 from zbuf_occlude.base.jit.pointer import pointer_to
+from zbuf_occlude.base.jit.simd import load3
 from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
+from zbuf_occlude.base.jit.vec3 import plus
 from zbuf_occlude.base.precompiler import Compilation
-from zbuf_occlude.engines.exact.layout import LEAF, UPPER, Float32, Int64, aligned
+from zbuf_occlude.engines.exact.layout import LEAF, TRIANGLE_ROWS, UPPER, Float32, Int64, aligned
 from zbuf_occlude.engines.exact.leaves import Leaves, divide_into_leaves, fill_leaf, new_leaf_scratch
 from zbuf_occlude.engines.exact.nodes import grow, new_tree
 from zbuf_occlude.geometry.mesh import Mesh
@@ -34,12 +36,12 @@ class Bvh(NamedTuple):
     contact: float  # the contact tolerance, scene units
     face_ids: IntArray  # (m leaves, 16) faces of each leaf, -1 where there is none
     rows: IntArray  # (f + 1,) row of each face, -1 for one that cannot block; the last entry, -1, stands for no face
-    corners: Float32  # (m, 3 corners, 3 axes, 16 faces) scene space
+    triangles: Float32  # (m, 10, 16) first corner, edges from it, and least value of a ray's tests; scene space
     planes: Float32  # (m, 4, 16) unit normal and offset of each face: n . p = offset on it
     used: Int64  # (m,) mask of the lanes of each leaf that hold a face
     weak: Int64  # (m,) mask of the faces of each leaf without a float32 plane (`WEAK_NORMAL`)
     box: Float32  # (6,) box of all faces: lower and upper corner
-    boxes: Float32  # (6 n, 16) boxes of the children of n nodes; node i starts at row 6 i, node 0 is the root
+    boxes: Float32  # (6 n, 16) boxes of the children of n nodes, empty in unused lanes; node 0, the root, is first
     children: IntArray  # (16 n,) node of each child, or ~leaf
     n_children: IntArray  # (n,) number of children of each node, which fill the first of its 16 lanes
     depth: int  # nodes on the longest path from the root to a leaf
@@ -101,7 +103,7 @@ def new_bvh(
         contact=contact * scale,
         face_ids=np.empty((n_leaves, LEAF), dtype=np.int32),
         rows=np.empty(len(faces) + 1, dtype=np.int32),
-        corners=aligned(n_leaves, 3, 3, LEAF),
+        triangles=aligned(n_leaves, TRIANGLE_ROWS, LEAF),
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
         weak=np.empty(n_leaves, dtype=np.int64),
@@ -134,6 +136,14 @@ def corners_of(bvh, face):
     """Return the corners of a face, world space."""
     a, b, c = bvh.faces[face, 0], bvh.faces[face, 1], bvh.faces[face, 2]
     return _vertex(bvh, a), _vertex(bvh, b), _vertex(bvh, c)
+
+
+@always_inline
+def corners_in_leaf(bvh, leaf):
+    """Return the corners of the 16 faces of a leaf, float32, scene space, each coordinate within 4 roundings."""
+    base, triangles = leaf * TRIANGLE_ROWS * LEAF, bvh.triangles
+    a = load3(triangles, base, LEAF)
+    return a, plus(a, load3(triangles, base + 3 * LEAF, LEAF)), plus(a, load3(triangles, base + 6 * LEAF, LEAF))
 
 
 @always_inline

@@ -37,7 +37,7 @@ from zbuf_occlude.engines.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.engines.exact.single_rays import corners_of_pair, traverse_bvh, triple
+from zbuf_occlude.engines.exact.single_rays import corners_of_pair, set_limit, traverse_bvh, triple
 from zbuf_occlude.geometry.predicates import blocks
 
 SAFETY_FACTOR = np.float32(1.001)
@@ -66,11 +66,11 @@ def classify(bvh, points, space, slot, leaf, rect):
         middle = muladd(a, cx, muladd(b, cy, c))
         half = muladd(absolute(a), hx, absolute(b) * hy)
         best, worst = minimum(best, middle + half), minimum(worst, middle - half)
-    zero, doubtful, used = splat(ZERO), space.doubtful[slot], bvh.used[leaf]
+    doubtful, used = space.doubtful[slot], bvh.used[leaf]
     normal = load3(space.setups, row + NORMAL * LEAF, LEAF)
     offset = load(space.setups, row + (NORMAL + 3) * LEAF)
     contact = load(space.setups, row + CONTACT * LEAF)
-    middle, half = zero - offset, splat(PLANE_ERROR * rect.magnitude)
+    middle, half = -offset, splat(PLANE_ERROR * rect.magnitude)
     for axis in range(3):
         lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
         middle = muladd(normal[axis], splat(HALF * (lower + upper)), middle)
@@ -79,7 +79,7 @@ def classify(bvh, points, space, slot, leaf, rect):
     maybe = not_less(best, splat(-rect.error_scale * SAFETY_FACTOR)) & (behind | doubtful) & used
     covering = maybe & ~doubtful & greater(worst, splat(rect.error_scale * SAFETY_FACTOR))
     if covering:
-        covering &= greater(zero - middle - half, contact * splat(rect.inverse_distance_max))
+        covering &= greater(-middle - half, contact * splat(rect.inverse_distance_max))
         while covering:
             lane = first_lane(covering)
             if not equal_wide(points.own, rect.first, np.int32(LEAF * leaf + lane)):
@@ -109,7 +109,7 @@ def hide_by_faces(bvh, points, view, space, at, faces, within, rect):
         p, q, r = _edge_of(space, row, 0), _edge_of(space, row, 1), _edge_of(space, row, 2)
         inside = _inside(x, y, p, q, r)
         normal = load_scalar3(space.setups, row + NORMAL * LEAF, LEAF)
-        height = load_scalar(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal, ZERO)
+        height = load_scalar(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal)
         contact = load_scalar(space.setups, row + CONTACT * LEAF)
         unknown = -((doubtful >> lane) & 1)
         possible = within & not_less(inside, -edge_error) & (not_less(height + error, contact * least) | unknown)
@@ -134,9 +134,8 @@ def hide_by_points(bvh, points, view, space, at, within, rect):
     contact = load(space.setups, base + CONTACT * LEAF)
     edge_error, error = splat(rect.error_scale * SAFETY_FACTOR), splat(PLANE_ERROR * rect.magnitude)
     most, least = contact * splat(rect.inverse_distance_max), contact * splat(rect.inverse_distance_min)
-    negative_edge_error, zero, doubtful, used = (
+    negative_edge_error, doubtful, used = (
         splat(-rect.error_scale * SAFETY_FACTOR),
-        splat(ZERO),
         space.doubtful[slot],
         bvh.used[leaf],
     )
@@ -147,7 +146,7 @@ def hide_by_points(bvh, points, view, space, at, within, rect):
         i = rect.first + lane
         x, y = load_scalar(space.image, lane), load_scalar(space.image, PACKET + lane)
         inside = _inside(x, y, p, q, r)
-        height = offset - dot3(load_scalar3(points.coordinates, i, width), normal, zero)
+        height = offset - dot3(load_scalar3(points.coordinates, i, width), normal)
         possible = not_less(inside, negative_edge_error) & (not_less(height + error, least) | doubtful)
         possible &= used & ~_own_face(points.own[i] - LEAF * leaf)
         sure = possible & greater(inside, edge_error) & greater(height - error, most) & ~doubtful
@@ -254,6 +253,7 @@ def _block(bvh, scratch, first, n):
         a, b, c = corners_of_pair(scratch.pairs, j)
         if blocks(triple(scratch.origins, i), triple(scratch.points, i), a, b, c, bvh.world_contact):
             scratch.faces[i], scratch.fractions[i] = load_unchecked(scratch.asked, first + j), -1.0
+            set_limit(scratch, i)
 
 
 @device_function

@@ -32,11 +32,18 @@ EDGES = 0  # A, B, C of three edge functions A x + B y + C, in units of their er
 NORMAL = 9  # unit normal and offset: n . p - offset is positive on the eye's side
 CONTACT = 13  # contact tolerance times the eye's distance from the plane
 SETUP_ROWS = 14
+TRIANGLE_ROWS = 10
+"""Rows of `Bvh.triangles`."""
 
 ROUNDOFF = np.float32(2.0**-24)
 """Unit roundoff of float32: the largest relative error of one operation."""
 COORDINATE_ERROR = np.float32(8.0) * ROUNDOFF
 """Error bound of a projected coordinate, for a point of magnitude 1 (derived in `project`)."""
+CORNER_ERROR = np.float32(11.0) * ROUNDOFF
+"""Error bound of a projected corner of a face (derived in `triangle_setup`)."""
+AREA_ERROR, VOLUME_ERROR, MIN_ERROR = 1.3e-6, 4e-6, 1e-30
+"""Error bounds of a ray's tests of a face, per length of its edges, per product of both lengths, and where these
+underflow (derived in `single_rays`)."""
 EDGE_ERROR = np.float32(80.0) * ROUNDOFF
 """Error bound of an edge function, as a share of the face's size, at magnitude / w = 1 (see `triangle_setup`)."""
 PLANE_ERROR = np.float32(12.0) * ROUNDOFF

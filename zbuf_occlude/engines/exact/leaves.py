@@ -28,7 +28,19 @@ from zbuf_occlude.base.jit.simd import (
 )
 from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel, take_block
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
-from zbuf_occlude.engines.exact.layout import LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
+from zbuf_occlude.engines.exact.layout import (
+    AREA_ERROR,
+    LEAF,
+    MIN_ERROR,
+    ROUNDOFF,
+    TRIANGLE_ROWS,
+    UPPER,
+    VOLUME_ERROR,
+    ZERO,
+    Float32,
+    Int64,
+    aligned,
+)
 from zbuf_occlude.engines.exact.rows import (
     CENTRE,
     ROW,
@@ -363,29 +375,29 @@ def fill_leaf(bvh, leaves, leaf, scratch):
     for lane in range(last - first, LEAF):
         store_unchecked(bvh.face_ids, LEAF * leaf + lane, -1)
     _fill_planes(lanes, planes)
-    for k in range(9):
-        store(bvh.corners, LEAF * (9 * leaf + k), load(planes, LEAF * k))
+    for k in range(TRIANGLE_ROWS):
+        store(bvh.triangles, LEAF * (TRIANGLE_ROWS * leaf + k), load(planes, LEAF * k))
     for k in range(4):
-        store(bvh.planes, LEAF * (4 * leaf + k), load(planes, LEAF * (9 + k)))
+        store(bvh.planes, LEAF * (4 * leaf + k), load(planes, LEAF * (TRIANGLE_ROWS + k)))
     used = (np.int64(1) << (last - first)) - 1
-    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(planes, LEAF * 13), splat(ZERO))
+    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(planes, LEAF * (TRIANGLE_ROWS + 4)), splat(ZERO))
 
 
 class LeafScratch(NamedTuple):
     """Working memory of a thread that fills leaves."""
 
     lanes: FloatArray  # (9, 16) corners of a leaf's faces
-    planes: Float32  # (14, 16) the corners rounded, normal and offset of the plane, and 1 for a weak normal
+    planes: Float32  # (15, 16) the rows of `Bvh.triangles` and `Bvh.planes`, and 1 for a weak normal
 
 
 def new_leaf_scratch() -> LeafScratch:
     """Allocate a thread's working memory for filling leaves."""
-    return LeafScratch(lanes=np.empty(9 * LEAF), planes=aligned(14 * LEAF))
+    return LeafScratch(lanes=np.empty(9 * LEAF), planes=aligned((TRIANGLE_ROWS + 5) * LEAF))
 
 
 @device_function
 def _fill_planes(lanes, planes):
-    """Write the rounded corners of 16 faces, their planes, and 1 where the normal is too inaccurate to use."""
+    """Write the rows of 16 faces, their planes, and 1 where the normal is too inaccurate to use."""
     for i in range(LEAF):  # without branches, so that the compiler vectorises it
         a = load_unchecked(lanes, i), load_unchecked(lanes, LEAF + i), load_unchecked(lanes, 2 * LEAF + i)
         b = (
@@ -398,16 +410,20 @@ def _fill_planes(lanes, planes):
             load_unchecked(lanes, 7 * LEAF + i),
             load_unchecked(lanes, 8 * LEAF + i),
         )
-        u, v, w = minus(b, a), minus(c, b), minus(a, c)
-        normal = cross(u, minus(c, a))
+        u, v, w = minus(b, a), minus(c, a), minus(c, b)
+        normal = cross(u, v)
         length = np.sqrt(dot(normal, normal))
         inverse = 1.0 / length if length > 0.0 else 0.0
         offset = 0.0
         for axis in range(3):
             store_unchecked(planes, LEAF * axis + i, a[axis])
-            store_unchecked(planes, LEAF * (3 + axis) + i, b[axis])
-            store_unchecked(planes, LEAF * (6 + axis) + i, c[axis])
-            store_unchecked(planes, LEAF * (9 + axis) + i, normal[axis] * inverse)
+            store_unchecked(planes, LEAF * (3 + axis) + i, u[axis])
+            store_unchecked(planes, LEAF * (6 + axis) + i, v[axis])
+            store_unchecked(planes, LEAF * (TRIANGLE_ROWS + axis) + i, normal[axis] * inverse)
             offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
-        store_unchecked(planes, LEAF * 12 + i, offset / 3.0)
-        store_unchecked(planes, LEAF * 13 + i, length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w)))
+        first, second = abs(u[0]) + abs(u[1]) + abs(u[2]), abs(v[0]) + abs(v[1]) + abs(v[2])
+        least = -AREA_ERROR * (first + second) - VOLUME_ERROR * first * second - MIN_ERROR
+        store_unchecked(planes, LEAF * 9 + i, least)
+        store_unchecked(planes, LEAF * (TRIANGLE_ROWS + 3) + i, offset / 3.0)
+        weak = length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
+        store_unchecked(planes, LEAF * (TRIANGLE_ROWS + 4) + i, weak)

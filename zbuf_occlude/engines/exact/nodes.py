@@ -78,7 +78,7 @@ def new_tree(n_leaves: int) -> BinaryTree:
         numbers=np.arange(3 * SAH_BINS, dtype=np.int32),
         stack=np.empty((LEAF, 2), dtype=np.int64),
         todo=np.empty((room, 3), dtype=np.int64),
-        boxes=np.zeros((room * 6, LEAF), dtype=np.float32),
+        boxes=np.empty((room * 6, LEAF), dtype=np.float32),
         children=np.empty(room * LEAF, dtype=np.int32),
         n_children=np.empty(room, dtype=np.int32),
         totals=np.zeros(2, dtype=np.int64),
@@ -192,6 +192,8 @@ def _collapse(rows, tree):
         top, node, depth = todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2]
         most = max(most, depth)
         n, n_stacked = 0, min(n_leaves, 1)
+        for row in range(2 * UPPER):
+            store(tree.boxes, LEAF * (6 * node + row), splat(F32_MAX if row < UPPER else -F32_MAX))
         stack[0, 0], stack[0, 1] = top if n_leaves > 1 else ~0, LEAF
         while n_stacked > 0:
             n_stacked -= 1

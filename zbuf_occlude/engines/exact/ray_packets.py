@@ -175,7 +175,7 @@ def _max_w(frame, g):
     """Return the largest w that each g allows, rounded up; the frame's largest w if g sets no limit."""
     zero, one, max_w = splat(ZERO), splat(ONE), splat(frame.max_w)
     # -1 / g, or 1 / (1 - g / D)
-    divisor = zero - g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
+    divisor = -g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
     ahead = greater(divisor, zero)
     w = divide(splat(ROUNDED_UP), blend(ahead, divisor, one))
     return blend(ahead, minimum(w, max_w), max_w)

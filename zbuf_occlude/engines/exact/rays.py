@@ -121,27 +121,39 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     away = math.dist(origins[0], bvh.centre) * bvh.scale
+    unsafe = np.zeros(1, dtype=np.int64)
     if len(origins) > 1 or n < MIN_RAYS_PER_LEAF * len(bvh.used) or away > MAX_IMAGE_DISTANCE:
-        directions = rescale_directions(directions)
-        asked = bvh, origins, directions, face_ids, distances
+        asked = bvh, origins, directions, directions.reshape(-1).view(np.int64), face_ids, distances, unsafe
         parallel_for(cast_singles, n_blocks(n, TRAVERSAL_RAYS), *asked, own=lambda: make_traversal_scratch(bvh))
-        return face_ids, distances
-    views = project_eyes(bvh, origins, 1.0)
+    else:
+        _cast_from_one_origin(bvh, origins, directions, away, face_ids, distances, unsafe)
+    if unsafe[0]:
+        return find_first_hits(bvh, origins, rescale_directions(directions))
+    return face_ids, distances
+
+
+def _cast_from_one_origin(
+    bvh: Bvh,
+    origin: FloatArray,
+    directions: FloatArray,
+    away: float,
+    face_ids: IntArray,
+    distances: FloatArray,
+    unsafe: Int64,
+) -> None:
+    """Write the first hits of rays of one origin, (1, 3), in packets."""
+    n, views = len(directions), project_eyes(bvh, origin, 1.0)
     bits = min(max((n // N_LANES).bit_length() // 2, 1), MAX_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_LEAF * len(bvh.used) or _are_scattered(directions))
     if sort:
         directions = rescale_directions(directions)
     order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
-    flat, unsafe = directions.reshape(-1), np.zeros(1, dtype=np.int64)
-    hits = face_ids, distances, unsafe
-    query = RayQuery(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
+    flat, hits = directions.reshape(-1), (face_ids, distances, unsafe)
+    query = RayQuery(origin[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
     if sort:
         parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
         query = query._replace(order=_order_of_cells(cells, bits), cells=cells[:0])
     parallel_for(_cast_blocks, n_blocks(n, BLOCK_RAYS), bvh, views, query)
-    if unsafe[0]:
-        return find_first_hits(bvh, origins, rescale_directions(directions))
-    return face_ids, distances
 
 
 def compile_first_hits() -> None:
@@ -155,9 +167,9 @@ def compile_first_hits() -> None:
 
 def compile_scattered_rays() -> None:
     """Compile the casting of rays of many origins, by a question without rays about a mesh without faces."""
-    bvh, nothing = empty_bvh(), np.empty((0, 3))
-    hits = np.empty(0, dtype=np.int32), np.empty(0)
-    parallel_for(cast_singles, 0, bvh, nothing, nothing, *hits, own=lambda: make_traversal_scratch(bvh))
+    bvh, nothing, none = empty_bvh(), np.empty((0, 3)), np.empty(0, dtype=np.int64)
+    hits = np.empty(0, dtype=np.int32), np.empty(0), none
+    parallel_for(cast_singles, 0, bvh, nothing, nothing, none, *hits, own=lambda: make_traversal_scratch(bvh))
 
 
 @njit(cache=True)

@@ -9,6 +9,19 @@ The definition in `predicates` decides the remaining faces, so face and distance
 All float32 arithmetic is in scene space, from the point where a ray enters the scene's sphere, so that no coordinate
 exceeds about 1. The boxes are widened by the rounding of that point. Rays from beyond `MAX_FACE_TEST_DISTANCE` test
 boxes only.
+
+Error analysis of the tests of faces: u is float32's unit roundoff, P a ray's start and D its direction, |P| < 1.02, e
+and f are a face's edges from its first corner a, |a| <= 1. All are rounded once.
+
+* The moment M = P x D - a x D, with |M| < 2.02, errs by less than 9 u: P x D is rounded once too.
+* The signed areas M . f and -M . e err by less than 17 u times the edge. The slope D . (f x e) errs by 9 u |e| |f|. The
+  third area, the slope less the others, errs by 21 u (|e| + |f|) + 11 u |e| |f|.
+* The depth (f x e) . (a - P) errs by 20 u |e| |f|. Limit x slope less the depth, with limits up to `MAX_RAY_LENGTH`,
+  errs by 64 u |e| |f|.
+* A slope of less than its error may have the wrong sign. Then a hit has no signed area above that error, and no depth
+  above 2.1 times that error.
+
+No value of a hit is thus less than -21 u (|e| + |f|) - 64 u |e| |f|. `AREA_ERROR` and `VOLUME_ERROR` have a margin.
 """
 
 import math
@@ -16,13 +29,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray, have_safe_norms
 from zbuf_occlude.base.jit.compiler import always_inline, device_function, inline_ir, njit
 from zbuf_occlude.base.jit.pointer import pointer_to
 from zbuf_occlude.base.jit.simd import (
     absolute,
     blend,
     count_lanes,
+    cross3,
+    cross3_add,
     dot3,
     first_lane,
     greater,
@@ -43,14 +58,14 @@ from zbuf_occlude.base.jit.simd import (
     tag_lanes,
 )
 from zbuf_occlude.base.jit.threads import parallel_kernel, take_block
-from zbuf_occlude.base.jit.vec3 import cross, minus
+from zbuf_occlude.base.jit.vec3 import minus
 from zbuf_occlude.engines.exact.bvh import Bvh, corners_of
-from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, UPPER, ZERO, Float32, Int64
+from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, TRIANGLE_ROWS, UPPER, ZERO, Float32, Int64
 from zbuf_occlude.geometry.predicates import filtered_hit, is_nearer, ray_triangle_t
 
 TRAVERSAL_RAYS = 256
 """Rays, or lines of sight, per block: enough to hide memory latency, few enough for the cache."""
-START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
+START, DIRECTION, MOMENT, INVERSE, ENTERS, LEAVES, LIMIT, RAY_ROWS = 0, 3, 6, 9, 12, 15, 18, 19
 """Rows of the float32 of rays: a ray is ``start + t direction``, of length 1, with t from 0 to `LIMIT`, scene units.
 `START` is the point where it enters the scene's sphere, or its origin if that is inside; `INVERSE` is 1 / direction.
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
@@ -78,17 +93,9 @@ MAX_RAY_LENGTH = 4.0
 MARGIN = np.float32(2e-6)
 """Margin around boxes, scene units. Rounding of the box, the ray's inverse and offset and their sums moves a wall by at
 most 6e-7."""
-AREA_ERROR = np.float32(4e-6)
-"""Error bound of the signed area between a ray and an edge, per length of the edge: coordinates relative to the ray err
-by at most 4.5e-7, their moment by 1.1e-6."""
-MOMENT_ERROR = np.float32(1e-6)
-"""Error bound of the same area, per distance of the ray from the face's first corner: edges err by at most 2.1e-7."""
-SLOPE_ERROR = np.float32(2e-6)
-"""Error bound of direction . normal, per size + size squared of the face: the normal errs by 4.2e-7 sizes + 6e-7 sizes
-squared."""
-DISTANCE_ERROR = np.float32(20e-6)
-"""Error bound of distance x slope, per size + size squared of the face: twice the slope's, and 4 times the slope's for
-the limit that it is compared with, or 8 times where the slope may have the wrong sign."""
+MAX_MARGIN = 1e30
+"""Largest margin of a ray's walls, in lengths of the ray: more than any box needs, and too little to enter an empty
+one."""
 MAX_FACE_TEST_DISTANCE = 1e6
 """Largest distance of an origin, scene units, at which a ray's start is accurate enough for float32 tests of faces."""
 FAR_ERROR = 4e-15
@@ -118,7 +125,7 @@ class TraversalScratch(NamedTuple):
     asking: Int64  # (16 n,) ray of each candidate pair
     asked: Int64  # (16 n,) face of each candidate pair
     pairs: FloatArray  # (17 x `PAIRS`,) rows `CORNERS` to `ERROR` of pairs of ray and face, world space
-    rays: Float32  # (16 n,) rows `START` to `LIMIT`
+    rays: Float32  # (19 n,) rows `START` to `LIMIT`
     nodes: Int64  # (16 + n room,) stacks of nodes, or ~leaves; of one parent's children the nearest is on top
     nearest: Float32  # (16 + n room,) lower bounds of their distances; -`F32_MAX` at the bottom
     entries: Float32  # (32 x `NODE_RAYS`,) entry distances of the children of each ray's node
@@ -147,7 +154,7 @@ def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
         asking=np.empty(LEAF * n, dtype=np.int64),
         asked=np.empty(LEAF * n, dtype=np.int64),
         pairs=np.zeros(PAIR_ROWS * PAIRS),
-        rays=np.empty(16 * n, dtype=np.float32),
+        rays=np.empty(RAY_ROWS * n, dtype=np.float32),
         nodes=np.empty(LEAF + n * room, dtype=np.int64),
         nearest=np.full(LEAF + n * room, -F32_MAX, dtype=np.float32),
         entries=np.full(ENTRIES * NODE_RAYS, -F32_MAX, dtype=np.float32),
@@ -155,11 +162,17 @@ def make_traversal_scratch(bvh: Bvh) -> TraversalScratch:
 
 
 @parallel_kernel
-def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
-    """Find the first hits of blocks of rays."""
+def cast_singles(tasks, bvh_, origins, directions, patterns, face_ids, distances, unsafe, memory):
+    """Find the first hits of blocks of rays; set ``unsafe[0]`` to 1 where a direction has no safe norm.
+
+    `patterns` are the bit patterns of the directions, (3 n,).
+    """
     bvh, scratch = pointer_to(bvh_), pointer_to(memory)
     first, last = take_block(tasks, len(face_ids), TRAVERSAL_RAYS)
     while first < last:
+        if not have_safe_norms(patterns[3 * first : 3 * last]):
+            unsafe[0] = 1
+            return
         _take_rays(origins, directions, first, last, scratch)
         traverse_bvh(bvh, scratch, last - first, _keep_nearer)
         _give_hits(scratch.faces, scratch.fractions, scratch.directions, face_ids[first:last], distances[first:last])
@@ -208,14 +221,27 @@ def _keep_nearer(bvh, scratch, first, n):
     for j in range(n):
         i, candidate = load_unchecked(scratch.asking, first + j), load_unchecked(scratch.asked, first + j)
         found, error = load_unchecked(pairs, FRACTION * PAIRS + j), load_unchecked(pairs, ERROR * PAIRS + j)
-        origin, direction = triple(scratch.origins, i), triple(scratch.directions, i)
-        corners = corners_of_pair(pairs, j)
-        if math.isnan(found):
-            found, error = ray_triangle_t(origin, direction, *corners)
-        face, before = scratch.faces[i], (scratch.fractions[i], scratch.errors[i])
-        other_corners = corners_of(bvh, max(face, 0))
-        if is_nearer(origin, direction, candidate, found, error, face, *before, corners, other_corners):
-            scratch.faces[i], scratch.fractions[i], scratch.errors[i] = candidate, found, error
+        before, before_error = load_unchecked(scratch.fractions, i), load_unchecked(scratch.errors, i)
+        nearer = found + error < before - before_error
+        farther = (found - error > before + before_error) | (found == math.inf)
+        if not (nearer | farther):  # both overlap, or the filter cannot tell
+            found, error, nearer = _compare(bvh, scratch, i, j, candidate, found, error)
+        store_unchecked(scratch.faces, i, candidate if nearer else load_unchecked(scratch.faces, i))
+        store_unchecked(scratch.fractions, i, found if nearer else before)
+        store_unchecked(scratch.errors, i, error if nearer else before_error)
+        set_limit(scratch, i)
+
+
+@device_function
+def _compare(bvh, scratch, i, j, candidate, found, error):
+    """Return the distance of the hit of pair j, of ray i, its error, and whether it is before the nearest so far."""
+    origin, direction = triple(scratch.origins, i), triple(scratch.directions, i)
+    corners = corners_of_pair(scratch.pairs, j)
+    if math.isnan(found):
+        found, error = ray_triangle_t(origin, direction, *corners)
+    face, before = scratch.faces[i], (scratch.fractions[i], scratch.errors[i])
+    other_corners = corners_of(bvh, max(face, 0))
+    return found, error, is_nearer(origin, direction, candidate, found, error, face, *before, corners, other_corners)
 
 
 @njit(error_model="numpy")
@@ -256,7 +282,7 @@ def traverse_bvh(bvh, scratch, n, test):
 
     ``test(bvh, scratch, first, m)`` is called for m candidate pairs, from `first` on, whose corners are the first rows
     of ``scratch.pairs``. It writes hits to ``scratch.faces``, which is -1 at first, and the length that is still to be
-    searched to ``scratch.fractions``.
+    searched to ``scratch.fractions``, and calls `set_limit` for it.
     """
     vectors = scratch.origins, scratch.directions
     _set_up(bvh.centre, bvh.scale, bvh.box, *vectors, n, scratch.rays, scratch.skipped, scratch.units)
@@ -292,9 +318,14 @@ def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
         away = abs(u) + abs(v) + abs(w)
         radius = SPHERE_RADIUS + FAR_ERROR * away
         units[i] = scale * length / shrink
-        enter, leave = _set_up_axis(box, rays, i, 0, u + before * x, x, away)
-        y_enter, y_leave = _set_up_axis(box, rays, i, 1, v + before * y, y, away)
-        z_enter, z_leave = _set_up_axis(box, rays, i, 2, w + before * z, z, away)
+        u, v, w = u + before * x, v + before * y, w + before * z
+        enter, leave = _set_up_axis(box, rays, i, 0, u, x, away)
+        y_enter, y_leave = _set_up_axis(box, rays, i, 1, v, y, away)
+        z_enter, z_leave = _set_up_axis(box, rays, i, 2, w, z, away)
+        known = 1.0 if away < MAX_FACE_TEST_DISTANCE else np.nan  # NaN: every face of a leaf may be met
+        rays[MOMENT * TRAVERSAL_RAYS + i] = (v * z - w * y) * known
+        rays[(MOMENT + 1) * TRAVERSAL_RAYS + i] = (w * x - u * z) * known
+        rays[(MOMENT + 2) * TRAVERSAL_RAYS + i] = (u * y - v * x) * known
         enter, leave = max(max(enter, y_enter), max(z_enter, 0.0)), min(min(leave, y_leave), z_leave)
         meets = (p * p + q * q + r * r <= radius * radius) & (enter <= leave)
         skipped[i] = before if meets else np.inf
@@ -304,7 +335,7 @@ def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
 def _set_up_axis(box, rays, i, axis, start, direction, away):
     """Fill in the rows of an axis; return where the ray enters and leaves the box of all faces along it."""
     inverse = 1.0 / (direction if abs(direction) > MIN_DIRECTION else MIN_DIRECTION)
-    margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
+    margin = min((MARGIN + FAR_ERROR * away) * abs(inverse), MAX_MARGIN)
     rays[(START + axis) * TRAVERSAL_RAYS + i] = (
         start if away < MAX_FACE_TEST_DISTANCE else np.nan
     )  # NaN: every face of a leaf may be met
@@ -328,12 +359,12 @@ def _begin(scratch, n):
         i = load_unchecked(at_node, j)
         store_unchecked(scratch.current, i, 0)
         store_unchecked(scratch.tops, i, LEAF + i * room + 1)
-        _set_limit(scratch, i)
+        set_limit(scratch, i)
     return n_nodes
 
 
 @always_inline
-def _set_limit(scratch, i):
+def set_limit(scratch, i):
     """Write the length of a ray still to be searched, scene units, rounded up; it is finite, and more than -2.
 
     The nearest hit may be farther by its error, which exceeds all margins where a far ray grazes a face.
@@ -398,7 +429,7 @@ def _entered(bvh, rays, i, node):
         near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
         enter = maximum(enter, muladd(load(bvh.boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
         leave = minimum(leave, muladd(load(bvh.boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
-    mask = not_less(leave, enter) & ((np.int64(1) << load_unchecked(bvh.n_children, node)) - 1)
+    mask = not_less(leave, enter)
     return mask, blend(mask, tag_lanes(enter), splat(-F32_MAX))
 
 
@@ -434,8 +465,6 @@ def _pop_after_leaves(scratch, n_nodes, n_leaves):
     n_next = 0
     state = _, at_leaf, _, tops, _, nearest = _state(scratch)
     for j in range(n_leaves):
-        _set_limit(scratch, load_unchecked(at_leaf, j))
-    for j in range(n_leaves):
         i = load_unchecked(at_leaf, j)
         limit, top = splat(_row(scratch.rays, i, LIMIT)), load_unchecked(tops, i) - LEAF
         within = not_less(limit, load(nearest, top))
@@ -450,16 +479,16 @@ def _pop_after_leaves(scratch, n_nodes, n_leaves):
 def _find_candidates(bvh, scratch, n_leaves):
     """List candidate pairs of a ray at a leaf and a face; return their number."""
     current, met, masks, n_met = scratch.current, scratch.met, scratch.masks, 0
-    rays, corners, used = scratch.rays, bvh.corners, bvh.used
+    rays, triangles, used = scratch.rays, bvh.triangles, bvh.used
     for j in range(n_leaves):
         ahead = ~load_unchecked(current, load_unchecked(scratch.at_leaf, min(j + AHEAD, n_leaves - 1)))
-        for row in range(9):
-            prefetch(corners, LEAF * (9 * ahead + row))
+        for row in range(TRIANGLE_ROWS):
+            prefetch(triangles, LEAF * (TRIANGLE_ROWS * ahead + row))
         prefetch(used, ahead)
         prefetch(bvh.face_ids, LEAF * ahead)
         i = load_unchecked(scratch.at_leaf, j)
         leaf = ~load_unchecked(current, i)
-        mask = _candidates(corners, leaf, rays, i) & load_unchecked(used, leaf)
+        mask = _candidates(triangles, leaf, rays, i) & load_unchecked(used, leaf)
         store_unchecked(met, n_met, i)
         store_unchecked(masks, n_met, mask)
         n_met += mask != 0
@@ -483,50 +512,39 @@ def _gather_corners(bvh, scratch, first, n):
     for j in range(n):
         for corner in range(3):
             vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(scratch.asked, first + j) + corner))
+            prefetch(vertices, 3 * vertex)
+    for j in range(n):
+        for corner in range(3):
+            vertex = np.int64(load_unchecked(faces, 3 * load_unchecked(scratch.asked, first + j) + corner))
             for axis in range(3):
                 row = CORNERS + 3 * corner + axis
                 store_unchecked(pairs, row * PAIRS + j, load_unchecked(vertices, 3 * vertex + axis))
 
 
 @always_inline
-def _candidates(corners, leaf, rays, i):
+def _candidates(triangles, leaf, rays, i):
     """Return the mask of the faces of a leaf that a ray may meet before its limit.
 
     References
     ----------
     Moeller, Trumbore: Fast, minimum storage ray/triangle intersection. Journal of Graphics Tools 2 (1997),
-    doi:10.1080/10867651.1997.10487468. Departure: the ray's moment about the first corner, whose error does not grow
-    with the face's distance.
+    doi:10.1080/10867651.1997.10487468. Departure: the ray's moment about the first corner is that about the scene's
+    centre, less corner x direction, and all tests have one error bound, `least`.
     """
-    base, zero = leaf * 9 * LEAF, splat(ZERO)
-    direction = _splat_rows(rays, i, DIRECTION)
-    a = load3(corners, base, LEAF)
-    first = minus(load3(corners, base + 3 * LEAF, LEAF), a)
-    second = minus(load3(corners, base + 6 * LEAF, LEAF), a)
-    start = minus(_splat_rows(rays, i, START), a)
-    moment, normal = cross(start, direction), cross(first, second)
-    u, v = dot3(moment, second, zero), zero - dot3(moment, first, zero)
-    slope, depth = zero - dot3(normal, direction, zero), dot3(normal, start, zero)
+    base, zero = leaf * TRIANGLE_ROWS * LEAF, splat(ZERO)
+    direction, moment = _splat_rows(rays, i, DIRECTION), _splat_rows(rays, i, MOMENT)
+    a = load3(triangles, base, LEAF)
+    first, second = load3(triangles, base + 3 * LEAF, LEAF), load3(triangles, base + 6 * LEAF, LEAF)
+    least = load(triangles, base + 9 * LEAF)
+    to_a = minus(a, _splat_rows(rays, i, START))
+    moment, normal = cross3_add(direction, a, moment), cross3(second, first)
+    slope, depth = dot3(normal, direction), dot3(normal, to_a)
+    u, v = dot3(moment, second), -dot3(moment, first)
     turned = greater(zero, slope)
-    u, v, depth = blend(turned, zero - u, u), blend(turned, zero - v, v), blend(turned, zero - depth, depth)
-    slope = absolute(slope)
-    size = _size_of(first) + _size_of(second)
-    distance = _size_of(moment)  # at least the ray's distance from the first corner
-    edge_error = splat(AREA_ERROR) * size + splat(MOMENT_ERROR) * distance
-    spread = size + size * size
-    slope_error, depth_error = splat(SLOPE_ERROR) * spread, splat(DISTANCE_ERROR) * spread
-    # a slope of less than its error may have the wrong sign, but then no signed area of a hit exceeds twice that error
-    area_error = edge_error + slope_error + slope_error
-    inside = not_less(u, zero - area_error) & not_less(v, zero - area_error)
-    inside &= not_less(slope - u - v, zero - (area_error + edge_error + slope_error))
-    before = not_less(depth, zero - depth_error) & not_less(splat(_row(rays, i, LIMIT)) * slope + depth_error, depth)
-    return inside & before
-
-
-@always_inline
-def _size_of(a):
-    """Return the 1-norm of a vector: at least its length."""
-    return absolute(a[0]) + absolute(a[1]) + absolute(a[2])
+    u, v, depth, slope = blend(turned, -u, u), blend(turned, -v, v), blend(turned, -depth, depth), absolute(slope)
+    inside = not_less(u, least) & not_less(v, least) & not_less(slope - u - v, least)
+    beyond = muladd(splat(_row(rays, i, LIMIT)), slope, -depth)
+    return inside & not_less(depth, least) & not_less(beyond, least)
 
 
 @always_inline

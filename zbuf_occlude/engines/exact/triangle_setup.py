@@ -2,16 +2,18 @@
 
 Error analysis, continued from `project`: u is float32's unit roundoff, *magnitude* as there.
 
+* A corner is the sum of the first corner and an edge, all rounded: it errs by 3 u more than a rounded position, and its
+  projected coordinates by less than ``CORNER_ERROR = 11 u`` times the magnitude.
 * The plane's value ``n . p - offset`` errs by less than ``PLANE_ERROR = 12 u`` times the magnitude.
 * An edge function is the determinant of P = (x / w, y / w, 1) and the edge's projected ends A and B, computed as
   P . (A x (B - A)). Let S be the largest norm of the face's projected corners, L that of their differences, |P| < 1.8
   magnitude. Arithmetic errs by less than 8 u |P| S L. The point's error moves the value by less than
-  (23 magnitude / w + 2) u S L. The ends' errors move it by 14 u (|B x P| + |A x P|). Let `nearest` be the smallest w at
-  which the face is seen. A P inside the projected face is a combination of its corners with weights up to 1 / nearest,
-  so the ends' errors move it by 28 u S L / nearest. ``EDGE_ERROR`` = 80 u times S L max(1, 1 / nearest) times
-  magnitude / w covers the sum; 80 u S (1 + L) covers it without knowing `nearest`. A P outside the face needs no bound:
-  the computed functions are those of a slightly moved triangle, and a point inside that by more than the error is
-  inside the true triangle.
+  (23 magnitude / w + 2) u S L. The ends' errors move it by 19.1 u (|B x P| + |A x P|). Let `nearest` be the smallest w
+  at which the face is seen. A P inside the projected face is a combination of its corners with weights up to
+  1 / nearest, so the ends' errors move it by 39 u S L / nearest. ``EDGE_ERROR`` = 80 u times S L max(1, 1 / nearest)
+  times magnitude / w covers the sum; 80 u S (1 + L) covers it without knowing `nearest`. A P outside the face needs no
+  bound: the computed functions are those of a slightly moved triangle, and a point inside that by more than the error
+  is inside the true triangle.
 
 Edge functions are therefore divided by their error for a point with magnitude / w = 1. Comparing them with the points'
 `error_scale`, the largest magnitude / w, tells which answers are certain.
@@ -37,6 +39,7 @@ from zbuf_occlude.base.jit.compiler import always_inline, device_function
 from zbuf_occlude.base.jit.simd import (
     absolute,
     blend,
+    cross3,
     divide,
     dot3,
     greater,
@@ -55,11 +58,12 @@ from zbuf_occlude.base.jit.simd import (
     store3,
     transform,
 )
-from zbuf_occlude.base.jit.vec3 import cross, minus
+from zbuf_occlude.base.jit.vec3 import minus
+from zbuf_occlude.engines.exact.bvh import corners_in_leaf
 from zbuf_occlude.engines.exact.layout import (
     BOTTOM,
     CONTACT,
-    COORDINATE_ERROR,
+    CORNER_ERROR,
     EDGE_ERROR,
     EDGES,
     F32_MAX,
@@ -115,22 +119,11 @@ def set_up_for_rays(bvh, leaf, view, space, slot):
 @always_inline
 def _set_up_faces(bvh, leaf, view, space, slot):
     """Write planes and edge functions; return the projected corners and the mask of the doubtful faces."""
-    base = leaf * 9 * LEAF
-    corners = (
-        _project_corner(bvh, base, view),
-        _project_corner(bvh, base + 3 * LEAF, view),
-        _project_corner(bvh, base + 6 * LEAF, view),
-    )
+    a, b, c = corners_in_leaf(bvh, leaf)
+    corners = transform(view.matrix, *a), transform(view.matrix, *b), transform(view.matrix, *c)
     below, doubtful = _set_up_planes(bvh, leaf, view, space, slot)
     _set_up_edges(corners, below, doubtful, view, space, slot)
     return corners, doubtful
-
-
-@always_inline
-def _project_corner(bvh, base, view):
-    """Return the homogeneous coordinates of a corner of 16 faces, read from flat index `base` of the corners."""
-    x, y, z = load3(bvh.corners, base, LEAF)
-    return transform(view.matrix, x, y, z)
 
 
 @always_inline
@@ -144,14 +137,14 @@ def _set_up_planes(bvh, leaf, view, space, slot):
     """
     base, used, zero = leaf * 4 * LEAF, bvh.used[leaf], splat(ZERO)
     normal, offset = load3(bvh.planes, base, LEAF), load(bvh.planes, base + 3 * LEAF)
-    height = dot3(normal, splat3(view.eye), zero - offset)
+    height = dot3(normal, splat3(view.eye)) - offset
     below = greater(zero, height)
     size = max(abs(view.eye[0]), abs(view.eye[1]), abs(view.eye[2])) + ONE
     edge_on = not_less(splat(np.float32(2.0) * PLANE_ERROR * size), absolute(height))
     row = (slot * SETUP_ROWS + NORMAL) * LEAF
     for axis in range(3):
-        store(space.setups, row + axis * LEAF, blend(below, zero - normal[axis], normal[axis]))
-    store(space.setups, row + 3 * LEAF, blend(below, zero - offset, offset))
+        store(space.setups, row + axis * LEAF, blend(below, -normal[axis], normal[axis]))
+    store(space.setups, row + 3 * LEAF, blend(below, -offset, offset))
     row = (slot * SETUP_ROWS + CONTACT) * LEAF
     store(space.setups, row, absolute(height) * splat(np.float32(bvh.contact)))
     return below, (edge_on | bvh.weak[leaf]) & used
@@ -166,31 +159,31 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
     nearest = minimum(a[2], minimum(b[2], c[2]))
     if view.near > ZERO:
         aside = maximum(
-            maximum(minimum(a[0], minimum(b[0], c[0])), zero - maximum(a[0], maximum(b[0], c[0]))),
-            maximum(minimum(a[1], minimum(b[1], c[1])), zero - maximum(a[1], maximum(b[1], c[1]))),
+            maximum(minimum(a[0], minimum(b[0], c[0])), -maximum(a[0], maximum(b[0], c[0]))),
+            maximum(minimum(a[1], minimum(b[1], c[1])), -maximum(a[1], maximum(b[1], c[1]))),
         )
         nearest = maximum(nearest, aside * splat(ONE / (view.half_width * np.float32(1.001))))
-    nearest = nearest - splat(COORDINATE_ERROR * view.magnitude)
+    nearest = nearest - splat(CORNER_ERROR * view.magnitude)
     ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
-    span = square_root(maximum(maximum(dot3(a, a, zero), dot3(b, b, zero)), dot3(c, c, zero)))
-    length = square_root(maximum(maximum(dot3(ab, ab, zero), dot3(bc, bc, zero)), dot3(ca, ca, zero)))
+    span = square_root(maximum(maximum(dot3(a, a), dot3(b, b)), dot3(c, c)))
+    length = square_root(maximum(maximum(dot3(ab, ab), dot3(bc, bc)), dot3(ca, ca)))
     ahead = greater(nearest, zero)
     stretch = maximum(one, divide(one, blend(ahead, nearest, one)))
     size = minimum(blend(ahead, length * stretch, endless), one + length) * span
     scale = divide(one, maximum(size * splat(EDGE_ERROR * view.magnitude), splat(np.float32(1e-30))))
-    scale = blend(below, scale, zero - scale)
-    p, q, r = _scaled(cross(a, ab), scale), _scaled(cross(b, bc), scale), _scaled(cross(c, ca), scale)
+    scale = blend(below, scale, -scale)
+    p, q, r = _scaled(cross3(a, ab), scale), _scaled(cross3(b, bc), scale), _scaled(cross3(c, ca), scale)
     if doubtful:
         # the inner side is unknown: take a band about the longest edge that holds the face, or the whole image
-        first, second, third = dot3(p, p, zero), dot3(q, q, zero), dot3(r, r, zero)
+        first, second, third = dot3(p, p), dot3(q, q), dot3(r, r)
         is_second, is_third = greater(second, maximum(first, third)), greater(third, maximum(first, second))
         edge = _chosen(is_third, r, _chosen(is_second, q, p))
         # the determinant of the corners is the value of each edge function at the opposite corner
-        volume = absolute(dot3(p, c, zero))
+        volume = absolute(dot3(p, c))
         band = divide(one, splat(np.float32(3.0)) + volume * stretch)
         edge = _scaled(edge, blend(ahead, band, zero))
         p = _chosen(doubtful, edge, p)
-        q = _chosen(doubtful, _scaled(edge, zero - one), q)
+        q = _chosen(doubtful, _scaled(edge, -one), q)
         r = _chosen(doubtful, (zero, zero, zero), r)
     row = (slot * SETUP_ROWS + EDGES) * LEAF
     store3(space.setups, row, LEAF, p)
@@ -213,7 +206,7 @@ def _bound(corners, used, view, space, slot):
     """Write the rectangle around the faces, as `project.project_boxes` does."""
     a, b, c = corners
     far, low = splat(F32_MAX), splat(-F32_MAX)
-    error, bounds = COORDINATE_ERROR * view.magnitude, space.slot_rectangles
+    error, bounds = CORNER_ERROR * view.magnitude, space.slot_rectangles
     nearest = lowest(blend(used, minimum(a[2], minimum(b[2], c[2])), far)) - error
     bounds[MIN_W, slot] = nearest
     bounds[MAX_W, slot] = highest(blend(used, maximum(a[2], maximum(b[2], c[2])), low)) + error
@@ -236,12 +229,12 @@ def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
     base, zero, one = leaf * 4 * LEAF, splat(ZERO), splat(ONE)
     normal, offset = load3(bvh.planes, base, LEAF), load(bvh.planes, base + 3 * LEAF)
     matrix = view.matrix
-    x = dot3(normal, splat3((matrix[0], matrix[1], matrix[2])), zero)
-    y = dot3(normal, splat3((matrix[4], matrix[5], matrix[6])), zero)
-    w = dot3(normal, splat3((matrix[8], matrix[9], matrix[10])), zero)
+    x = dot3(normal, splat3((matrix[0], matrix[1], matrix[2])))
+    y = dot3(normal, splat3((matrix[4], matrix[5], matrix[6])))
+    w = dot3(normal, splat3((matrix[8], matrix[9], matrix[10])))
     if view.near > ZERO:
         size = max(abs(view.eye[0]), abs(view.eye[1]), abs(view.eye[2])) + ONE
-        height, constant = offset - dot3(normal, splat3(view.eye), zero), zero - w
+        height, constant = offset - dot3(normal, splat3(view.eye)), -w
     else:
         size = ONE
         away = np.sqrt(view.eye[0] * view.eye[0] + view.eye[1] * view.eye[1] + view.eye[2] * view.eye[2])
@@ -250,8 +243,8 @@ def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
     unknown = doubtful | not_less(error, absolute(height))
     inverse = divide(one, blend(unknown, one, height))
     row, width = (slot * SETUP_ROWS + DEPTH) * LEAF, LEAF
-    store(space.setups, row, blend(unknown, zero, zero - x * inverse))
-    store(space.setups, row + width, blend(unknown, zero, zero - y * inverse))
+    store(space.setups, row, blend(unknown, zero, -x * inverse))
+    store(space.setups, row + width, blend(unknown, zero, -y * inverse))
     store(space.setups, row + 2 * width, blend(unknown, zero, constant * inverse))
     inverse = absolute(inverse)
     store(space.setups, row + 3 * width, blend(unknown, splat(F32_MAX), inverse * splat(DEPTH_ERROR)))
