@@ -7,11 +7,11 @@
 Scenes are meshes of FOLDER (default: furniture/ in ZBUF_OCCLUDE_DATA), the larger ones subdivided; a terrain; a street
 of such meshes. Asked are points from eyes, and first hits: of a picture, of a LiDAR's turn, of rays in no order.
 --quick takes a few of both, --scene and --question those whose names match, as *. Each repetition builds all sides from
-arrays, and asks all sides each question in turn, of rays several times; medians count. A cell is *fresh* with the
-building, else *again*.
-Its ratio is that of the fastest peer's seconds to those of `exact`. Peers' rays are made beforehand, which is not
-counted. Of more than `MAX_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with
-all. --processors takes seconds of all threads instead of the clock's: a busy machine changes them less.
+arrays, and asks all sides each question in turn; rays are cast `RAY_REPEATS` times. Medians count, of the building and
+of the answers apart. A cell is *fresh* with the building, else *again*. Its ratio is that of the fastest peer's seconds
+to those of `exact`. Peers' rays are made beforehand, which is not counted. Of more than `MAX_PAIRS` pairs of point and
+eye, peers answer some eyes, and are taken to be as fast with all. --processors takes seconds of all threads instead of
+the clock's: a busy machine changes them less.
 
 --isa limits `exact`, by numba's settings, to an instruction set that the processor has. The peers always take the best
 one: their Embree is built without a configuration file, and neither Open3D nor embreex hands it one.
@@ -298,8 +298,9 @@ def processor() -> str:
 # Measuring
 
 
-ASKED = 5
-"""Times that rays are cast in a repetition, by the sides in turn: one call takes milliseconds, and differs by half."""
+RAY_REPEATS = 5
+"""Times that the sides cast rays in a repetition, in turn: a call takes milliseconds, and one differs from another by
+half."""
 
 
 class Cell(NamedTuple):
@@ -339,7 +340,7 @@ def cells_of(
             if question.rays:
                 origins, directions = question.rays(mesh, stand)
                 rays = {side: each.rays(origins, directions) for side, each in sides.items()}
-                for _ in range(ASKED):
+                for _ in range(RAY_REPEATS):
                     ours = timed(name, "exact", partial(occluder.first_hits, origins, directions)).face_ids
                     for side, each in sides.items():
                         theirs = timed(name, side, partial(each.first, rays[side]))

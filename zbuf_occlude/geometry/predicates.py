@@ -298,9 +298,9 @@ def _compare_hits(
 
 @njit()
 def _meet_at_once(origin, direction, corners, other_corners):
-    """Return whether a ray meets two faces in one point, for plain reasons.
+    """Return whether two faces that a ray meets are met in one point, as far as comparisons of corners can tell.
 
-    They lie in one plane across an axis, have the same corners, or share an edge or corner that the ray meets.
+    They lie in one plane perpendicular to an axis, have the same corners, or share an edge or corner that is met.
     """
     a, b, c = corners
     d, e, f = other_corners

@@ -57,7 +57,7 @@ WALLS = 5
 """Number of planes around the space before a triangle: three through the eye and the sides, the triangle's plane, and
 the parallel one through the eye."""
 MARGIN = np.float32(4e-6)
-"""Margin of tests against walls, in radii of the mesh's bounding sphere; float32 errs by a tenth of it."""
+"""Margin of tests against walls, in radii of the mesh's bounding sphere; float32 errs by a fifth of it."""
 
 COVERED, TOO_MANY = -1, -2
 NOTHING, SOME, ALL = 0, 1, 2

@@ -429,7 +429,7 @@ def dot3(a, b):
 
 @always_inline
 def cross3(a, b):
-    """Compute a x b."""
+    """Compute a x b. Where products are fused, cross3(b, a) is not its exact negative."""
     return (
         muladd(a[1], b[2], -(a[2] * b[1])),
         muladd(a[2], b[0], -(a[0] * b[2])),

@@ -15,7 +15,17 @@ from zbuf_occlude.base.jit.simd import load3
 from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, parallel_kernel
 from zbuf_occlude.base.jit.vec3 import plus
 from zbuf_occlude.base.precompiler import Compilation
-from zbuf_occlude.engines.exact.layout import LEAF, TRIANGLE_ROWS, UPPER, Float32, Int64, aligned
+from zbuf_occlude.engines.exact.layout import (
+    FIRST_CORNER,
+    FIRST_EDGE,
+    LEAF,
+    SECOND_EDGE,
+    TRIANGLE_ROWS,
+    UPPER,
+    Float32,
+    Int64,
+    aligned,
+)
 from zbuf_occlude.engines.exact.leaves import Leaves, divide_into_leaves, fill_leaf, new_leaf_scratch
 from zbuf_occlude.engines.exact.nodes import grow, new_tree
 from zbuf_occlude.geometry.mesh import Mesh
@@ -36,12 +46,13 @@ class Bvh(NamedTuple):
     contact: float  # the contact tolerance, scene units
     face_ids: IntArray  # (m leaves, 16) faces of each leaf, -1 where there is none
     rows: IntArray  # (f + 1,) row of each face, -1 for one that cannot block; the last entry, -1, stands for no face
-    triangles: Float32  # (m, 10, 16) first corner, edges from it, and least value of a ray's tests; scene space
+    triangles: Float32  # (m, 10, 16) rows `FIRST_CORNER` to `LEAST` of each face, scene space
     planes: Float32  # (m, 4, 16) unit normal and offset of each face: n . p = offset on it
     used: Int64  # (m,) mask of the lanes of each leaf that hold a face
     weak: Int64  # (m,) mask of the faces of each leaf without a float32 plane (`WEAK_NORMAL`)
     box: Float32  # (6,) box of all faces: lower and upper corner
-    boxes: Float32  # (6 n, 16) boxes of the children of n nodes, empty in unused lanes; node 0, the root, is first
+    boxes: Float32  # (6 n, 16) boxes of the children of n nodes; node i starts at row 6 i, node 0 is the root. Boxes of
+    # unused lanes are empty, from `F32_MAX` to -`F32_MAX`, so that no ray enters them.
     children: IntArray  # (16 n,) node of each child, or ~leaf
     n_children: IntArray  # (n,) number of children of each node, which fill the first of its 16 lanes
     depth: int  # nodes on the longest path from the root to a leaf
@@ -140,10 +151,11 @@ def corners_of(bvh, face):
 
 @always_inline
 def corners_in_leaf(bvh, leaf):
-    """Return the corners of the 16 faces of a leaf, float32, scene space, each coordinate within 4 roundings."""
+    """Return the corners of the 16 faces of a leaf, float32, scene space; they err by less than 4 u."""
     base, triangles = leaf * TRIANGLE_ROWS * LEAF, bvh.triangles
-    a = load3(triangles, base, LEAF)
-    return a, plus(a, load3(triangles, base + 3 * LEAF, LEAF)), plus(a, load3(triangles, base + 6 * LEAF, LEAF))
+    a = load3(triangles, base + FIRST_CORNER * LEAF, LEAF)
+    ab, ac = load3(triangles, base + FIRST_EDGE * LEAF, LEAF), load3(triangles, base + SECOND_EDGE * LEAF, LEAF)
+    return a, plus(a, ab), plus(a, ac)
 
 
 @always_inline

@@ -32,8 +32,10 @@ EDGES = 0  # A, B, C of three edge functions A x + B y + C, in units of their er
 NORMAL = 9  # unit normal and offset: n . p - offset is positive on the eye's side
 CONTACT = 13  # contact tolerance times the eye's distance from the plane
 SETUP_ROWS = 14
+# rows of a leaf's triangles, one lane per face
+FIRST_CORNER, FIRST_EDGE, SECOND_EDGE = 0, 3, 6  # the first corner, and the edges from it to the second and the third
+LEAST = 9  # least value, of rounding, that a ray's test of a face may have where the ray hits it
 TRIANGLE_ROWS = 10
-"""Rows of `Bvh.triangles`."""
 
 ROUNDOFF = np.float32(2.0**-24)
 """Unit roundoff of float32: the largest relative error of one operation."""
@@ -41,9 +43,12 @@ COORDINATE_ERROR = np.float32(8.0) * ROUNDOFF
 """Error bound of a projected coordinate, for a point of magnitude 1 (derived in `project`)."""
 CORNER_ERROR = np.float32(11.0) * ROUNDOFF
 """Error bound of a projected corner of a face (derived in `triangle_setup`)."""
-AREA_ERROR, VOLUME_ERROR, MIN_ERROR = 1.3e-6, 4e-6, 1e-30
-"""Error bounds of a ray's tests of a face, per length of its edges, per product of both lengths, and where these
-underflow (derived in `single_rays`)."""
+AREA_ERROR = 1.3e-6
+"""Error bound of a ray's tests of a face, per sum of the 1-norms of two edges (derived in `single_rays`)."""
+VOLUME_ERROR = 4.2e-6
+"""Error bound of the same tests, per product of both 1-norms; both parts add up."""
+MIN_ERROR = 1e-30
+"""Least error bound of the same tests: products of shorter edges underflow."""
 EDGE_ERROR = np.float32(80.0) * ROUNDOFF
 """Error bound of an edge function, as a share of the face's size, at magnitude / w = 1 (see `triangle_setup`)."""
 PLANE_ERROR = np.float32(12.0) * ROUNDOFF

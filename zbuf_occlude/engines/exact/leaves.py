@@ -30,9 +30,13 @@ from zbuf_occlude.base.jit.threads import n_blocks, next_task, parallel_for, par
 from zbuf_occlude.base.jit.vec3 import cross, dot, minus
 from zbuf_occlude.engines.exact.layout import (
     AREA_ERROR,
+    FIRST_CORNER,
+    FIRST_EDGE,
     LEAF,
+    LEAST,
     MIN_ERROR,
     ROUNDOFF,
+    SECOND_EDGE,
     TRIANGLE_ROWS,
     UPPER,
     VOLUME_ERROR,
@@ -360,7 +364,7 @@ def _put_leaf(first, last, rows, leaf, scratch):
 def fill_leaf(bvh, leaves, leaf, scratch):
     """Fill in a hierarchy's arrays of one of its leaves."""
     first, last = leaves.starts[leaf], leaves.starts[leaf + 1]
-    lanes, planes = scratch.lanes, scratch.planes
+    lanes, triangles = scratch.lanes, scratch.triangles
     x, y, z, scale = bvh.centre[0], bvh.centre[1], bvh.centre[2], bvh.scale
     for lane in range(LEAF):
         face = np.int64(load_unchecked(leaves.members, first + lane if first + lane < last else first))
@@ -374,30 +378,30 @@ def fill_leaf(bvh, leaves, leaf, scratch):
         store_unchecked(bvh.rows, np.int64(load_unchecked(leaves.members, i)), LEAF * leaf + i - first)
     for lane in range(last - first, LEAF):
         store_unchecked(bvh.face_ids, LEAF * leaf + lane, -1)
-    _fill_planes(lanes, planes)
+    _fill_triangles(lanes, triangles)
     for k in range(TRIANGLE_ROWS):
-        store(bvh.triangles, LEAF * (TRIANGLE_ROWS * leaf + k), load(planes, LEAF * k))
+        store(bvh.triangles, LEAF * (TRIANGLE_ROWS * leaf + k), load(triangles, LEAF * k))
     for k in range(4):
-        store(bvh.planes, LEAF * (4 * leaf + k), load(planes, LEAF * (TRIANGLE_ROWS + k)))
+        store(bvh.planes, LEAF * (4 * leaf + k), load(triangles, LEAF * (TRIANGLE_ROWS + k)))
     used = (np.int64(1) << (last - first)) - 1
-    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(planes, LEAF * (TRIANGLE_ROWS + 4)), splat(ZERO))
+    bvh.used[leaf], bvh.weak[leaf] = used, used & greater(load(triangles, LEAF * (TRIANGLE_ROWS + 4)), splat(ZERO))
 
 
 class LeafScratch(NamedTuple):
     """Working memory of a thread that fills leaves."""
 
     lanes: FloatArray  # (9, 16) corners of a leaf's faces
-    planes: Float32  # (15, 16) the rows of `Bvh.triangles` and `Bvh.planes`, and 1 for a weak normal
+    triangles: Float32  # (15, 16) the rows of `Bvh.triangles`, those of `Bvh.planes`, and 1 for a weak normal
 
 
 def new_leaf_scratch() -> LeafScratch:
     """Allocate a thread's working memory for filling leaves."""
-    return LeafScratch(lanes=np.empty(9 * LEAF), planes=aligned((TRIANGLE_ROWS + 5) * LEAF))
+    return LeafScratch(lanes=np.empty(9 * LEAF), triangles=aligned((TRIANGLE_ROWS + 5) * LEAF))
 
 
 @device_function
-def _fill_planes(lanes, planes):
-    """Write the rows of 16 faces, their planes, and 1 where the normal is too inaccurate to use."""
+def _fill_triangles(lanes, triangles):
+    """Write the triangles and planes of 16 faces, and 1 where the normal is too inaccurate to use."""
     for i in range(LEAF):  # without branches, so that the compiler vectorises it
         a = load_unchecked(lanes, i), load_unchecked(lanes, LEAF + i), load_unchecked(lanes, 2 * LEAF + i)
         b = (
@@ -416,14 +420,14 @@ def _fill_planes(lanes, planes):
         inverse = 1.0 / length if length > 0.0 else 0.0
         offset = 0.0
         for axis in range(3):
-            store_unchecked(planes, LEAF * axis + i, a[axis])
-            store_unchecked(planes, LEAF * (3 + axis) + i, u[axis])
-            store_unchecked(planes, LEAF * (6 + axis) + i, v[axis])
-            store_unchecked(planes, LEAF * (TRIANGLE_ROWS + axis) + i, normal[axis] * inverse)
+            store_unchecked(triangles, LEAF * (FIRST_CORNER + axis) + i, a[axis])
+            store_unchecked(triangles, LEAF * (FIRST_EDGE + axis) + i, u[axis])
+            store_unchecked(triangles, LEAF * (SECOND_EDGE + axis) + i, v[axis])
+            store_unchecked(triangles, LEAF * (TRIANGLE_ROWS + axis) + i, normal[axis] * inverse)
             offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
         first, second = abs(u[0]) + abs(u[1]) + abs(u[2]), abs(v[0]) + abs(v[1]) + abs(v[2])
         least = -AREA_ERROR * (first + second) - VOLUME_ERROR * first * second - MIN_ERROR
-        store_unchecked(planes, LEAF * 9 + i, least)
-        store_unchecked(planes, LEAF * (TRIANGLE_ROWS + 3) + i, offset / 3.0)
+        store_unchecked(triangles, LEAF * LEAST + i, least)
+        store_unchecked(triangles, LEAF * (TRIANGLE_ROWS + 3) + i, offset / 3.0)
         weak = length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
-        store_unchecked(planes, LEAF * (TRIANGLE_ROWS + 4) + i, weak)
+        store_unchecked(triangles, LEAF * (TRIANGLE_ROWS + 4) + i, weak)

@@ -192,7 +192,7 @@ def _collapse(rows, tree):
         top, node, depth = todo[n_todo, 0], todo[n_todo, 1], todo[n_todo, 2]
         most = max(most, depth)
         n, n_stacked = 0, min(n_leaves, 1)
-        for row in range(2 * UPPER):
+        for row in range(2 * UPPER):  # empty boxes, until there are children
             store(tree.boxes, LEAF * (6 * node + row), splat(F32_MAX if row < UPPER else -F32_MAX))
         stack[0, 0], stack[0, 1] = top if n_leaves > 1 else ~0, LEAF
         while n_stacked > 0:

@@ -6,22 +6,23 @@ needs is fetched, steps of other rays proceed, and hardly any branch depends on 
 A face that float32 excludes cannot be hit: every comparison has a margin above the rounding of all its operands.
 The definition in `predicates` decides the remaining faces, so face and distance are the oracle's, ties included.
 
-All float32 arithmetic is in scene space, from the point where a ray enters the scene's sphere, so that no coordinate
-exceeds about 1. The boxes are widened by the rounding of that point. Rays from beyond `MAX_FACE_TEST_DISTANCE` test
-boxes only.
+All float32 arithmetic is in scene space, from a ray's start: the point `SPHERE_RADIUS` before its closest point to the
+scene's centre, or its origin if that comes later. No coordinate of a start exceeds 1.43. The boxes are widened by its
+rounding. Rays from beyond `MAX_FACE_TEST_DISTANCE` test boxes only.
 
-Error analysis of the tests of faces: u is float32's unit roundoff, P a ray's start and D its direction, |P| < 1.02, e
-and f are a face's edges from its first corner a, |a| <= 1. All are rounded once.
+Error analysis of the tests of faces: u is float32's unit roundoff, P a ray's start and D its direction, |P| < 1.43 and
+|P x D| < 1.01, e and f are a face's edges from its first corner a, |a| <= 1. All, and P x D, are rounded once. (Edges
+shorter than 1e-8 err by more, but a ray that hits such a face has a moment as short.)
 
-* The moment M = P x D - a x D, with |M| < 2.02, errs by less than 9 u: P x D is rounded once too.
+* The moment M = P x D - a x D, with |M| < 2.02, errs by less than 8.5 u.
 * The signed areas M . f and -M . e err by less than 17 u times the edge. The slope D . (f x e) errs by 9 u |e| |f|. The
   third area, the slope less the others, errs by 21 u (|e| + |f|) + 11 u |e| |f|.
-* The depth (f x e) . (a - P) errs by 20 u |e| |f|. Limit x slope less the depth, with limits up to `MAX_RAY_LENGTH`,
-  errs by 64 u |e| |f|.
-* A slope of less than its error may have the wrong sign. Then a hit has no signed area above that error, and no depth
-  above 2.1 times that error.
+* The depth (f x e) . (a - P) errs by 23 u |e| |f|. Limit x slope less the depth, with limits up to `MAX_RAY_LENGTH`,
+  errs by 67 u |e| |f|.
+* A slope of less than its error may have the wrong sign. Then a hit has no signed area above the slope's error, and no
+  depth above 2.1 times the slope's error.
 
-No value of a hit is thus less than -21 u (|e| + |f|) - 64 u |e| |f|. `AREA_ERROR` and `VOLUME_ERROR` have a margin.
+No value of a hit is thus less than -21 u (|e| + |f|) - 67 u |e| |f|. `AREA_ERROR` and `VOLUME_ERROR` have a margin.
 """
 
 import math
@@ -60,14 +61,26 @@ from zbuf_occlude.base.jit.simd import (
 from zbuf_occlude.base.jit.threads import parallel_kernel, take_block
 from zbuf_occlude.base.jit.vec3 import minus
 from zbuf_occlude.engines.exact.bvh import Bvh, corners_of
-from zbuf_occlude.engines.exact.layout import F32_MAX, LEAF, TRIANGLE_ROWS, UPPER, ZERO, Float32, Int64
+from zbuf_occlude.engines.exact.layout import (
+    F32_MAX,
+    FIRST_CORNER,
+    FIRST_EDGE,
+    LEAF,
+    LEAST,
+    SECOND_EDGE,
+    TRIANGLE_ROWS,
+    UPPER,
+    ZERO,
+    Float32,
+    Int64,
+)
 from zbuf_occlude.geometry.predicates import filtered_hit, is_nearer, ray_triangle_t
 
 TRAVERSAL_RAYS = 256
 """Rays, or lines of sight, per block: enough to hide memory latency, few enough for the cache."""
 START, DIRECTION, MOMENT, INVERSE, ENTERS, LEAVES, LIMIT, RAY_ROWS = 0, 3, 6, 9, 12, 15, 18, 19
 """Rows of the float32 of rays: a ray is ``start + t direction``, of length 1, with t from 0 to `LIMIT`, scene units.
-`START` is the point where it enters the scene's sphere, or its origin if that is inside; `INVERSE` is 1 / direction.
+`MOMENT` is start x direction, `INVERSE` 1 / direction.
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
 NODE_RAYS = 16
@@ -93,9 +106,8 @@ MAX_RAY_LENGTH = 4.0
 MARGIN = np.float32(2e-6)
 """Margin around boxes, scene units. Rounding of the box, the ray's inverse and offset and their sums moves a wall by at
 most 6e-7."""
-MAX_MARGIN = 1e30
-"""Largest margin of a ray's walls, in lengths of the ray: more than any box needs, and too little to enter an empty
-one."""
+MAX_OFFSET = 1e30
+"""Largest size of `ENTERS`, `LEAVES` and limits: farther than any box, but small beside the walls of an empty box."""
 MAX_FACE_TEST_DISTANCE = 1e6
 """Largest distance of an origin, scene units, at which a ray's start is accurate enough for float32 tests of faces."""
 FAR_ERROR = 4e-15
@@ -282,7 +294,7 @@ def traverse_bvh(bvh, scratch, n, test):
 
     ``test(bvh, scratch, first, m)`` is called for m candidate pairs, from `first` on, whose corners are the first rows
     of ``scratch.pairs``. It writes hits to ``scratch.faces``, which is -1 at first, and the length that is still to be
-    searched to ``scratch.fractions``, and calls `set_limit` for it.
+    searched to ``scratch.fractions``, and calls `set_limit` after each change.
     """
     vectors = scratch.origins, scratch.directions
     _set_up(bvh.centre, bvh.scale, bvh.box, *vectors, n, scratch.rays, scratch.skipped, scratch.units)
@@ -335,14 +347,14 @@ def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
 def _set_up_axis(box, rays, i, axis, start, direction, away):
     """Fill in the rows of an axis; return where the ray enters and leaves the box of all faces along it."""
     inverse = 1.0 / (direction if abs(direction) > MIN_DIRECTION else MIN_DIRECTION)
-    margin = min((MARGIN + FAR_ERROR * away) * abs(inverse), MAX_MARGIN)
+    margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
     rays[(START + axis) * TRAVERSAL_RAYS + i] = (
         start if away < MAX_FACE_TEST_DISTANCE else np.nan
     )  # NaN: every face of a leaf may be met
     rays[(DIRECTION + axis) * TRAVERSAL_RAYS + i] = direction
     rays[(INVERSE + axis) * TRAVERSAL_RAYS + i] = inverse
-    rays[(ENTERS + axis) * TRAVERSAL_RAYS + i] = -start * inverse - margin
-    rays[(LEAVES + axis) * TRAVERSAL_RAYS + i] = -start * inverse + margin
+    rays[(ENTERS + axis) * TRAVERSAL_RAYS + i] = max(-start * inverse - margin, -MAX_OFFSET)
+    rays[(LEAVES + axis) * TRAVERSAL_RAYS + i] = min(-start * inverse + margin, MAX_OFFSET)
     one, other = (box[axis] - start) * inverse, (box[UPPER + axis] - start) * inverse
     return min(one, other) - margin, max(one, other) + margin
 
@@ -369,7 +381,7 @@ def set_limit(scratch, i):
 
     The nearest hit may be farther by its error, which exceeds all margins where a far ray grazes a face.
     """
-    more = 2.0 * FAR_ERROR * scratch.skipped[i]
+    more = min(2.0 * FAR_ERROR * scratch.skipped[i], MAX_OFFSET)
     fraction = scratch.fractions[i] + scratch.errors[i]
     distance = max(min(fraction * scratch.units[i] - scratch.skipped[i], MAX_RAY_LENGTH), -1.0)
     limit = np.float32(distance * (1.0 + 4e-6) + more) + MARGIN
@@ -528,17 +540,18 @@ def _candidates(triangles, leaf, rays, i):
     References
     ----------
     Moeller, Trumbore: Fast, minimum storage ray/triangle intersection. Journal of Graphics Tools 2 (1997),
-    doi:10.1080/10867651.1997.10487468. Departure: the ray's moment about the first corner is that about the scene's
-    centre, less corner x direction, and all tests have one error bound, `least`.
+    doi:10.1080/10867651.1997.10487468. Departure: the ray's moment about the first corner is derived from that about
+    the scene's centre, and all tests have one error bound, `least`.
     """
-    base, zero = leaf * TRIANGLE_ROWS * LEAF, splat(ZERO)
+    zero = splat(ZERO)
     direction, moment = _splat_rows(rays, i, DIRECTION), _splat_rows(rays, i, MOMENT)
-    a = load3(triangles, base, LEAF)
-    first, second = load3(triangles, base + 3 * LEAF, LEAF), load3(triangles, base + 6 * LEAF, LEAF)
-    least = load(triangles, base + 9 * LEAF)
-    to_a = minus(a, _splat_rows(rays, i, START))
-    moment, normal = cross3_add(direction, a, moment), cross3(second, first)
-    slope, depth = dot3(normal, direction), dot3(normal, to_a)
+    base = leaf * TRIANGLE_ROWS * LEAF
+    corner = load3(triangles, base + FIRST_CORNER * LEAF, LEAF)
+    first, second = load3(triangles, base + FIRST_EDGE * LEAF, LEAF), load3(triangles, base + SECOND_EDGE * LEAF, LEAF)
+    least = load(triangles, base + LEAST * LEAF)
+    to_corner = minus(corner, _splat_rows(rays, i, START))
+    moment, normal = cross3_add(direction, corner, moment), cross3(second, first)
+    slope, depth = dot3(normal, direction), dot3(normal, to_corner)
     u, v = dot3(moment, second), -dot3(moment, first)
     turned = greater(zero, slope)
     u, v, depth, slope = blend(turned, -u, u), blend(turned, -v, v), blend(turned, -depth, depth), absolute(slope)
