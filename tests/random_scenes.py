@@ -171,7 +171,10 @@ SHAPES = ("table", "chair", "lamp", "car", "airplane")
 
 
 def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> FloatArray:
-    """Two eyes about the mesh; far, inside, a hair above a point, on an axis, in a face's plane, on an edge's line."""
+    """Eyes about the mesh, far, inside, on an axis; others near it.
+
+    A hair above a point; in a face's plane, on an edge's line; beside a corner and almost in the plane of its face.
+    """
     directions = rng.normal(size=(6, 3))
     directions[5] = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -182,8 +185,12 @@ def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> F
     a, b, c = mesh.corners[rng.integers(len(mesh.faces))]
     along, other = _unit(b - a), _unit(c - a)
     angle, away = rng.uniform(0.0, 2.0 * np.pi), mesh.diagonal * rng.uniform(1.0, 4.0)
-    in_plane = a + away * _unit(np.cos(angle) * along + np.sin(angle) * other)
-    return np.concatenate([eyes, [in_plane, a + away * along]])
+    sideways = _unit(np.cos(angle) * along + np.sin(angle) * other)
+    size = float(np.linalg.norm(b - a))
+    beside = a + size * (
+        10.0 ** rng.uniform(-6, -1) * sideways + 10.0 ** rng.uniform(-10, -5) * _unit(np.cross(along, other))
+    )
+    return np.concatenate([eyes, [a + away * sideways, a + away * along, beside]])
 
 
 def _unit(vector: FloatArray) -> FloatArray:

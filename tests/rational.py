@@ -76,7 +76,8 @@ def exact(values: Sequence[float] | FloatArray) -> list[Fraction]:
 
 def _not_missed_by_far(mesh: Mesh, origin: FloatArray, direction: FloatArray) -> list[int]:
     """Faces whose volumes with a line have one sign, or may have."""
-    a, b, c = (mesh.corners - np.asarray(origin)).transpose(1, 0, 2)
+    direction, corners = direction / np.abs(direction).max(), mesh.corners - np.asarray(origin)
+    a, b, c = (corners / max(np.abs(corners).max(), 1e-300)).transpose(1, 0, 2)  # so that no product underflows
     above = below = np.zeros(len(a), dtype=bool)
     for one, other in ((b, c), (c, a), (a, b)):
         volume, size = np.zeros(len(a)), np.zeros(len(a))

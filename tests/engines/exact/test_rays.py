@@ -178,6 +178,24 @@ def test_a_bad_direction_among_many(bad: float, scattered: bool) -> None:
         occluder.first_hits([[0.1, 0.2, 0.3]], directions)
 
 
+def test_an_eye_beside_a_corner_of_a_face_and_almost_in_its_plane() -> None:
+    """float32 knows neither the side of the face that the eye is on, nor, so near, where the face's edges are."""
+    corners = np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, 0.3], [1.0, 1.0, 1.0]])
+    mesh, corner, rng = zo.Mesh(corners, [[0, 1, 2]]), corners[1], np.random.default_rng(0)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal /= np.linalg.norm(normal)
+    eyes = corner + 10.0 ** rng.uniform(-5, -3, (60, 1)) * rng.normal(size=(60, 3))
+    eyes += (10.0 ** rng.uniform(-9, -7, 60) - (eyes - corner) @ normal)[:, None] * normal
+    eyes[0] = 1.0000449, -0.9999097, 0.3000609
+    for eye in eyes:
+        targets = corner + 1e-3 * (rng.dirichlet([1, 1, 1], 500) @ corners - corner)
+        points = zo.SurfacePoints.free(eye + 1.5 * (targets - eye))
+        with zo.prepare(mesh, "exact", warn=False) as occluder, prepare_oracle(mesh) as oracle:
+            rays = eye[None], targets - eye
+            assert (occluder.first_hits(*rays).face_ids == oracle.first_hits(*rays).face_ids).all()
+            assert (occluder.visible(points, eye[None]) == oracle.visible(points, eye[None])).all()
+
+
 def test_a_mesh_of_no_face_that_blocks() -> None:
     line = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
     with zo.prepare(line, "exact") as occluder:
