@@ -27,9 +27,9 @@ def eyes_of(mesh: zo.Mesh, points: zo.SurfacePoints) -> np.ndarray:
     return np.concatenate([around, axis, near])
 
 
-def differing(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, gl: GlContext) -> int:
+def differing(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, gl: GlContext, **options: float) -> int:
     """Count the pairs that differ from the oracle's."""
-    with oracle.prepare(mesh) as reference, exact_gl.prepare(mesh, gl=gl) as occluder:
+    with oracle.prepare(mesh, **options) as reference, exact_gl.prepare(mesh, gl=gl, **options) as occluder:
         return int((reference.visible(points, eyes) != occluder.visible(points, eyes)).sum())
 
 
@@ -43,6 +43,25 @@ def test_equals_the_oracle(kind: str, gl: GlContext) -> None:
     mesh = needles(400, 2) if kind == "needles" else sphere(144)
     points = zo.sample_surface(mesh, n_points=250, seed=1)
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
+
+
+def test_slivers_seen_from_beside_them(gl: GlContext) -> None:
+    """Slivers 1e-12 to 1e-3 wide, and eyes above them, on the lines of their edges and almost in their planes."""
+    rng = np.random.default_rng(0)
+    base, along, aside = rng.normal(size=(3, 60, 3))
+    third = base + rng.uniform(-0.2, 1.2, (60, 1)) * along + 10.0 ** rng.uniform(-12, -3, (60, 1)) * aside
+    corners = np.stack([base, base + along, third], axis=1)
+    normals = np.cross(along, third - base)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    above = corners.mean(axis=1) + 10.0 ** rng.uniform(-12, -3, (60, 1)) * normals
+    in_plane = 2.0 * corners[:, 1] - third + 1e-8 * rng.normal(size=(60, 3))
+    onto = np.einsum("fkc,fci->fki", rng.dirichlet([1, 1, 1], (60, 20)), corners).reshape(-1, 3)
+    near = onto + 10.0 ** rng.uniform(-12, -1, (len(onto), 1)) * rng.normal(size=onto.shape)
+    points, eyes = (
+        zo.SurfacePoints.free(np.concatenate([onto, near])),
+        np.concatenate([above, base + 3 * along, in_plane]),
+    )
+    assert differing(triangles(corners), points, eyes, gl, contact=0.0) == 0
 
 
 def test_free_points_anywhere(gl: GlContext) -> None:

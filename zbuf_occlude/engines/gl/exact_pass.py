@@ -32,6 +32,10 @@ _MAX_GROUPS = 65535
 EPSILON = 2.0**-24
 """Unit roundoff of float32, the unit of the shader's error bounds."""
 
+MIN_NORMAL = 1e-6
+"""Shortest normal, as a share of the longest edge squared, that says on which side of a face an eye is; rounded edges
+of thinner faces may say otherwise. The shader gets a zero then, which leaves all points of the face to float64."""
+
 DISPATCH_SECONDS = 0.1
 """Target time of one dispatch. A GPU with a display is reset after some seconds, and other programs wait."""
 
@@ -143,7 +147,10 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     faces = np.zeros((len(corners), 16), dtype=np.float32)
     # rounded from float64 differences, so that small faces keep their precision
     faces[:, 0:3], faces[:, 3:6], faces[:, 6:9] = a, b - a, c - a
-    faces[:, 9:12], faces[:, 12:15] = np.cross(b - a, c - a), c - b
+    normals, faces[:, 12:15] = np.cross(b - a, c - a), c - b
+    longest = np.max([np.sum(edge * edge, axis=1) for edge in (b - a, c - a, c - b)], axis=0)
+    thin = np.linalg.norm(normals, axis=1) <= MIN_NORMAL * longest
+    faces[:, 9:12] = np.where(thin[:, None], 0.0, normals)
     low, high = local.min(axis=1), local.max(axis=1)
     levels: list[tuple[FloatArray, FloatArray]] = []
     step = LEAF
