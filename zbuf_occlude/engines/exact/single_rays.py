@@ -80,7 +80,7 @@ TRAVERSAL_RAYS = 256
 """Rays, or lines of sight, per block: enough to hide memory latency, few enough for the cache."""
 START, DIRECTION, MOMENT, INVERSE, ENTERS, LEAVES, LIMIT, RAY_ROWS = 0, 3, 6, 9, 12, 15, 18, 19
 """Rows of the float32 of rays: a ray is ``start + t direction``, of length 1, with t from 0 to `LIMIT`, scene units.
-`MOMENT` is start x direction, `INVERSE` 1 / direction.
+`MOMENT` is start x direction; `INVERSE` is 1 / direction.
 A box's near wall x inverse + `ENTERS` is the t of the near wall, widened; far wall x inverse + `LEAVES` that of the far
 one."""
 NODE_RAYS = 16
@@ -331,10 +331,11 @@ def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
         radius = SPHERE_RADIUS + FAR_ERROR * away
         units[i] = scale * length / shrink
         u, v, w = u + before * x, v + before * y, w + before * z
-        enter, leave = _set_up_axis(box, rays, i, 0, u, x, away)
-        y_enter, y_leave = _set_up_axis(box, rays, i, 1, v, y, away)
-        z_enter, z_leave = _set_up_axis(box, rays, i, 2, w, z, away)
         known = 1.0 if away < MAX_FACE_TEST_DISTANCE else np.nan  # NaN: every face of a leaf may be met
+        margin = MARGIN + FAR_ERROR * away
+        enter, leave = _set_up_axis(box, rays, i, 0, u, x, margin, known)
+        y_enter, y_leave = _set_up_axis(box, rays, i, 1, v, y, margin, known)
+        z_enter, z_leave = _set_up_axis(box, rays, i, 2, w, z, margin, known)
         rays[MOMENT * TRAVERSAL_RAYS + i] = (v * z - w * y) * known
         rays[(MOMENT + 1) * TRAVERSAL_RAYS + i] = (w * x - u * z) * known
         rays[(MOMENT + 2) * TRAVERSAL_RAYS + i] = (u * y - v * x) * known
@@ -344,13 +345,11 @@ def _set_up(centre, scale, box, origins, directions, n, rays, skipped, units):
 
 
 @always_inline
-def _set_up_axis(box, rays, i, axis, start, direction, away):
+def _set_up_axis(box, rays, i, axis, start, direction, margin, known):
     """Fill in the rows of an axis; return where the ray enters and leaves the box of all faces along it."""
     inverse = 1.0 / (direction if abs(direction) > MIN_DIRECTION else MIN_DIRECTION)
-    margin = (MARGIN + FAR_ERROR * away) * abs(inverse)
-    rays[(START + axis) * TRAVERSAL_RAYS + i] = (
-        start if away < MAX_FACE_TEST_DISTANCE else np.nan
-    )  # NaN: every face of a leaf may be met
+    margin = margin * abs(inverse)
+    rays[(START + axis) * TRAVERSAL_RAYS + i] = start * known
     rays[(DIRECTION + axis) * TRAVERSAL_RAYS + i] = direction
     rays[(INVERSE + axis) * TRAVERSAL_RAYS + i] = inverse
     rays[(ENTERS + axis) * TRAVERSAL_RAYS + i] = max(-start * inverse - margin, -MAX_OFFSET)

@@ -20,9 +20,9 @@ Edge functions are therefore divided by their error for a point with magnitude /
 
 A doubtful face has a band about its longest edge instead, for its inner side is unknown. On the projected face that
 edge's function is the *volume*, the determinant of the corners, times a weight of at most `stretch` = max(1, 1 /
-nearest). The volume errs by 19.1 u for each of three cross products of at most S L, and by 8 u S L S for arithmetic:
-for S < 2.6 by less than 80 u S L. In units of the edges' error, 80 u `size`, that is S L / size. The band is therefore
-1 + 2 S L stretch / size + volume stretch on each side of the edge, in units of the edge's error.
+nearest). The volume errs by 19.1 u magnitude for each of three cross products of at most S L. Its arithmetic errs by
+8 u S L S, and S < 2.6 magnitude, so the sum is below 80 u S L magnitude. Times `stretch`, in units of the edges' error,
+that is `doubt` = max(1, L stretch / (1 + L)). On each side of the edge, the band is 1 + 2 doubt + volume stretch wide.
 
 Rays also need the depth of each face's plane. A ray's position in the image is P = (X, Y, 1). The distance at which it
 meets a plane is monotone in g, which is linear in X and Y:
@@ -186,8 +186,8 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
         edge = _chosen(is_third, r, _chosen(is_second, q, p))
         # the determinant of the corners is the value of each edge function at the opposite corner
         volume = absolute(dot3(p, c))
-        doubt = splat(np.float32(2.0)) * divide(length * stretch * span, size)
-        band = divide(one, one + doubt + volume * stretch)
+        doubt = maximum(one, divide(length * stretch, one + length))
+        band = divide(one, one + doubt + doubt + volume * stretch)
         edge = _scaled(edge, blend(ahead, band, zero))
         p = _chosen(doubtful, edge, p)
         q = _chosen(doubtful, _scaled(edge, -one), q)

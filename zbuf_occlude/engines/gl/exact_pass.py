@@ -132,7 +132,7 @@ class FaceArrays:
     """
 
     face_ids: IntArray  # (f,) the mesh's faces in Hilbert order
-    faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
+    faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab, ac, normal or 0 (`MIN_NORMAL`), edge bc, 0
     corners: FloatArray  # (f, 9) world space
     boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
     level_size: list[int]
