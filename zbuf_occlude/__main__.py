@@ -35,7 +35,10 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
     try:
         interrupts.install_signal_handlers()
-        code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
+        try:
+            code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
+        finally:
+            interrupts.remove_signal_handlers()
     except click.ClickException as error:
         echo(f"error: {one_line(error)}", err=True)
         code = error.exit_code

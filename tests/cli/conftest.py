@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
         capfd.readouterr()
         with pytest.raises(SystemExit) as leaving:
             main()
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # Ctrl-C ends pytest as it did before
         outcome = Outcome(*capfd.readouterr())
         assert (leaving.value.code or 0) == code, outcome
         assert says in outcome.err

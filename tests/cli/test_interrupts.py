@@ -79,6 +79,23 @@ def test_only_commands_that_resume_say_so(command: str, resumes: bool) -> None:
     assert ("begins anew" in ended.stderr) != resumes
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("command", ["methods", "no-such-command"])
+def test_a_signal_while_python_exits_is_no_traceback(name: str, command: str) -> None:
+    program = (
+        "import atexit, os, signal\n"
+        "from zbuf_occlude.__main__ import main\n"
+        f"atexit.register(lambda: os.kill(os.getpid(), signal.{name}))\n"
+        "main()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program, command], preexec_fn=heard, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == -getattr(signal, name)
+    assert "Traceback" not in ended.stderr
+    assert "KeyboardInterrupt" not in ended.stderr
+
+
 def test_nohup_is_heeded(tmp_path: Path) -> None:
     """A program started with nohup is not interrupted when its terminal is closed."""
     with subprocess.Popen(

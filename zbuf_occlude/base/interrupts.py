@@ -35,6 +35,13 @@ def install_signal_handlers() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
+def remove_signal_handlers() -> None:
+    """Make signals end this process without a traceback, now that its command has finished and Python exits."""
+    for number in _NUMBERS:
+        if signal.getsignal(number) is signal.default_int_handler:
+            signal.signal(number, signal.SIG_DFL)
+
+
 @contextmanager
 def held() -> Iterator[None]:
     """Delay interrupts until the end of a block, which must be short and must not be left half done.
