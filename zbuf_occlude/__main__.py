@@ -34,11 +34,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # file names may be in no valid encoding
             stream.reconfigure(errors="backslashreplace")
     try:
-        interrupts.install_signal_handlers()
-        try:
+        with interrupts.raised():
             code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
-        finally:
-            interrupts.remove_signal_handlers()
     except click.ClickException as error:
         echo(f"error: {one_line(error)}", err=True)
         code = error.exit_code

@@ -96,6 +96,30 @@ def test_a_signal_while_python_exits_is_no_traceback(name: str, command: str) ->
     assert "KeyboardInterrupt" not in ended.stderr
 
 
+def test_an_interrupt_in_a_destructor_is_not_lost() -> None:
+    program = (
+        "import os, signal, time\n"
+        "from zbuf_occlude import __main__ as program\n"
+        "class Slow:\n"
+        "    def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
+        "def command(**options):\n"
+        "    Slow()\n"
+        "    time.sleep(60)\n"
+        "program.group.main = command\n"
+        "program.main()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program, "generate"],
+        preexec_fn=heard,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert ended.returncode == 130
+    assert ended.stderr == "error: interrupted; what was finished is kept, and the same command resumes.\n"
+
+
 def test_nohup_is_heeded(tmp_path: Path) -> None:
     """A program started with nohup is not interrupted when its terminal is closed."""
     with subprocess.Popen(

@@ -11,12 +11,14 @@ PROGRAM, PACKAGE = "zbuf-occlude", "zbuf_occlude"
 _NUMBERS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]  # Windows lacks SIGHUP
+PAUSE = 0.01
+"""Seconds until a lost interrupt is repeated, in which the destructor or callback ends."""
 
 
 def end_quietly() -> None:
     """Make Ctrl-C end this process without a traceback while the command line is starting.
 
-    The package calls this on import, and `install_signal_handlers` ends it. Other programs that import the package are
+    The package calls this on import, and `raised` ends it. Other programs that import the package are
     not affected.
     """
     name = os.path.basename(sys.argv[0]) if sys.argv else ""
@@ -25,21 +27,42 @@ def end_quietly() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def install_signal_handlers() -> None:
-    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, unless the process was started to ignore them.
+@contextmanager
+def raised() -> Iterator[None]:
+    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt in a block, which runs the command of this process.
 
     They come from Ctrl-C, a scheduler, a closed terminal. Without the exception temporary folders would be left.
+    Signals that the process was started to ignore stay ignored. After the block they end the process at once, because
+    Python would print the exceptions of its exit.
     """
     for number in _NUMBERS:
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
+    hook, sys.unraisablehook = sys.unraisablehook, _raise_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number in _NUMBERS:
+            if signal.getsignal(number) is signal.default_int_handler:
+                signal.signal(number, signal.SIG_DFL)
 
 
-def remove_signal_handlers() -> None:
-    """Make signals end this process without a traceback, now that its command has finished and Python exits."""
-    for number in _NUMBERS:
-        if signal.getsignal(number) is signal.default_int_handler:
-            signal.signal(number, signal.SIG_DFL)
+def _raise_again(lost: "sys.UnraisableHookArgs") -> None:
+    """Repeat an interrupt that came in a destructor or a callback, where Python ignores exceptions."""
+    if lost.exc_type is KeyboardInterrupt:
+        again = threading.Timer(PAUSE, _interrupt_main_thread)
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(lost)
+
+
+def _interrupt_main_thread() -> None:
+    if hasattr(signal, "pthread_kill"):  # ends a call that waits, too; Windows lacks it
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
