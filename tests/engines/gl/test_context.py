@@ -18,6 +18,35 @@ ROUND_TRIP = """
     gl.close()
 """
 
+INTERRUPTED = """
+    import signal, sys
+    from zbuf_occlude.engines.gl import context
+    n_lines = last = total = 0
+    def trace(frame, event, argument):
+        global n_lines
+        if frame.f_code.co_filename == context.__file__:
+            n_lines += event == "line"
+            if event == "line" and n_lines == last:
+                signal.raise_signal(signal.SIGINT)
+            return trace
+    ignored = []
+    sys.unraisablehook = lambda lost: ignored.append(lost.exc_value)
+    while last <= total:  # interrupt one line after another; before that, none
+        n_lines = n_caught = 0
+        ignored.clear()
+        sys.settrace(trace)
+        try:
+            context.GlContext.open({backend!r}).close()
+        except KeyboardInterrupt:
+            n_caught = 1
+        sys.settrace(None)
+        assert all(isinstance(error, KeyboardInterrupt) for error in ignored), (last, ignored)  # the destructor's
+        assert n_caught + len(ignored) == (last > 0), (last, n_caught, ignored)
+        last, total = last + 1, total or n_lines
+    assert total > 50, total
+"""
+"""Program that interrupts the opening and closing of a context at each of its lines."""
+
 
 @pytest.fixture(scope="module", params=BACKENDS)
 def working(request: pytest.FixtureRequest) -> str:
@@ -84,6 +113,12 @@ def test_two_contexts_take_turns(working: str) -> None:
         one.close()
     """)
     assert child.returncode == 0, child.stderr
+
+
+@pytest.mark.gl
+def test_an_interrupt_while_a_context_opens_or_closes_leaves_no_half_of_it(working: str) -> None:
+    ended = run_program(INTERRUPTED.format(backend=working))
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 def test_importing_touches_no_gl() -> None:

@@ -16,6 +16,7 @@ from typing import Any, Self
 import moderngl
 
 from zbuf_occlude.base.errors import GlError, OptionError
+from zbuf_occlude.base.interrupts import held
 from zbuf_occlude.engines.gl.devices import FIXES, VISIBLE, default_device, is_software
 from zbuf_occlude.engines.gl.osmesa import OsMesaContext
 from zbuf_occlude.engines.gl.shaders import compile_program
@@ -159,10 +160,11 @@ class GlContext:
         failures = []
         for candidate in BACKENDS if backend is None else (backend,):
             try:
-                if candidate == "osmesa":
-                    return cls("osmesa", None, *_open_osmesa())
-                index = default_device() if device_index is None else device_index
-                return cls("egl", index, *_open_egl(index))
+                with held():  # of half a context nobody could free the other half
+                    if candidate == "osmesa":
+                        return cls("osmesa", None, *_open_osmesa())
+                    index = default_device() if device_index is None else device_index
+                    return cls("egl", index, *_open_egl(index))
             except GlError as error:
                 failures.append(f"{candidate}: {error}")
         raise GlError(f"No OpenGL {REQUIRED / 100:.1f} core context opens. Tried " + "; ".join(failures))
@@ -259,13 +261,16 @@ class GlContext:
 
     def close(self) -> None:
         """Destroy the context and its objects; no effect if called again, or in a forked child."""
-        if not self._closed:
+        if self._closed:
+            return
+        if os.getpid() == self._process:
+            self._check_owner()
+        with held():
+            self._closed = True
             if os.getpid() == self._process:
-                self._check_owner()
                 if self._current() == self._handle:
                     self._native.__exit__()  # a current context would not be destroyed, even at the thread's end
                 self.ctx.release()
-            self._closed = True
 
     def __del__(self) -> None:
         """Close the context when its last reference goes, as at a thread's end; the end of the process closes all."""
