@@ -39,7 +39,6 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import SENSORS, Scan, look_at, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scan_config import ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors.scenes.contents import Pool, surroundings
 
@@ -190,7 +189,7 @@ def seeds(what: str, view: int, *, seed: int) -> np.random.SeedSequence:
 
 def scanned(mesh: zo.Mesh, sensor: str, distance: float, scene: str, seed: int = 0, **given: object) -> Scan:
     """Scan a car that stands as `stand` puts it."""
-    scan = ScanConfig(make(sensor), range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
+    scan = ScanConfig(make(sensor), range=(distance,) * 2, scene=scene, **given)  # type: ignore[arg-type]
     drawn, floor = partial(seeds, seed=seed), float(mesh.bounds[0, 2])
     views = zo.Views(np.array([AZIMUTH]), np.array([0.15]), np.array([2.0]))
     pool = Pool(surroundings((), scene), {}, scene, np.random.SeedSequence(1))

@@ -217,7 +217,8 @@ def test_files_and_objects_of_others() -> None:
     assert np.asarray(cloud, dtype=np.float32).dtype == np.float32
     for name in ("a.ply", "a.npz", "a.pcd", "a.npy", "a.csv"):
         cloud.save(name)
-    assert np.array_equal(load_cloud("a.ply"), cloud.points)
+    for name in ("a.ply", "a.npy", "a.csv"):
+        assert np.array_equal(load_cloud(name), cloud.points)
     np.testing.assert_array_equal(trimesh.load("a.ply").colors[:, :3], cloud.colors)
     with np.load("a.npz") as stored:
         assert {"points", "normals", "colors", "face_ids", "eye", "visible_fraction", "pose"} == set(stored)

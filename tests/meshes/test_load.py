@@ -190,9 +190,9 @@ def test_a_mesh_is_no_cloud(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.csv", b"x,y,z\n1,2,north\n", "cannot read it as numbers"),
-        ("a.csv", b"1,2\n3,4\n", "must have rows x, y, z"),
-        ("a.npy", b"nothing of the kind", "cannot read it as numbers"),
+        ("a.csv", b"x,y,z\n1,2,north\n", "cannot read the points"),
+        ("a.csv", b"1,2\n3,4\n", "must have rows of x, y, z"),
+        ("a.npy", b"nothing of the kind", "cannot read the points"),
         ("a.csv", b"1,2,nan\n", "coordinates that are finite and below"),
         (
             "a.ply",

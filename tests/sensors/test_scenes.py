@@ -195,7 +195,6 @@ def test_hidden_means_what_it_says(kind: str, share: tuple[float, float]) -> Non
         if capture.reached:
             reached += 1
             assert share[0] - 0.02 <= capture.hidden <= share[1] + 0.02
-            assert abs(capture.hidden - capture.wanted) < 0.1
     assert reached >= 3
 
 

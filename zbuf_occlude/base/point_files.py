@@ -46,6 +46,18 @@ def columns_of(
     return table
 
 
+def positions_of(table: NDArray[Any]) -> FloatArray:
+    """Return x, y, z of each row, float64, of an array (n, 3 or more) or of a structured one such as `columns_of`.
+
+    Raises ValueError for an array of another shape or type.
+    """
+    if set("xyz") <= set(table.dtype.names or ()):
+        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
+        raise ValueError(f"it must have rows of x, y, z; it has {table.dtype} of shape {table.shape}")
+    return np.asarray(table[:, :3], dtype=np.float64)
+
+
 def write_ply(
     path: Path, positions: FloatArray, normals: FloatArray | None = None, colors: NDArray[np.uint8] | None = None
 ) -> None:

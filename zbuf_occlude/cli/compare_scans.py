@@ -46,9 +46,7 @@ from zbuf_occlude.studies.compare.scan_comparison import compare_scans, format_n
     help="Metres of one step of a depth image.  [default: 0.001; for BOP, from scene_camera.json]",
 )
 @click.option("--refine", is_flag=True, help="Fit the poses to the mesh first (ICP by Open3D).")
-@click.option(
-    "--method", type=Name(CASTING), help="Method that casts the rays.  [default: the first that can run here]"
-)
+@click.option("--method", type=Name(CASTING), default="exact", show_default=True, help="Method that casts the rays.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the simulated scans.")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the report.")
 def compare_scans_command(

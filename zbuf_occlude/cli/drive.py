@@ -53,9 +53,7 @@ MAX_SWEEPS = 1_000_000
     help=f"Number of sweeps.  [default: all that the trajectory holds; {SWEEPS} without one]",
 )
 @click.option("--scene", default="street", help="street: drawn along the path; or a JSON file.")
-@click.option(
-    "--method", type=Name(CASTING), help="Method that casts the rays.  [default: the first that can run here]"
-)
+@click.option("--method", type=Name(CASTING), default="exact", show_default=True, help="Method that casts the rays.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @click.option("--format", "layout", type=Name(list(LAYOUTS)), default=next(iter(LAYOUTS)), help="Layout of the files.")
 @click.option("--sequence", type=click.IntRange(0, 99), default=0, help="Number of the sequence in --out.")

@@ -31,7 +31,7 @@ from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, n_raised, sensor_views
 from zbuf_occlude.sensors.emptiness import why_empty
 from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster, no_transparent_material, question_of
+from zbuf_occlude.sensors.scanning import no_transparent_material, question_of
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import precompile
@@ -41,9 +41,7 @@ from zbuf_occlude.visibility import precompile
 @click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
 @scan_options("vlp-32c")
 @angle_options("Degrees above the xy plane; for scenes without a ground.")
-@click.option(
-    "--method", type=Name(CASTING), help="Method that casts the rays.  [default: the first that can run here]"
-)
+@click.option("--method", type=Name(CASTING), default="exact", show_default=True, help="Method that casts the rays.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Plot of range image and cloud, as PNG.")
 @frame_options
@@ -54,7 +52,7 @@ def scan_command(
     meshes: tuple[Path, ...],
     azimuth: float,
     elevation: float,
-    method: str | None,
+    method: str,
     seed: int,
     picture: Path | None,
     up: str | None,
@@ -85,7 +83,7 @@ def scan_command(
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
     options["size"] = size_of_files(click.get_current_context(), options["size"])
-    scan = parse_scan(method or default_caster(), options)
+    scan = parse_scan(method, options)
     if scan.height is not None and explicitly_set(click.get_current_context(), ("elevation",)):
         raise click.UsageError("--elevation is for cameras; the height of a LiDAR above the ground is --sensor-height.")
     collection = MeshCollection.from_paths(meshes, up=up, unit=unit, colors=bool(scan.transparent))

@@ -19,7 +19,6 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors import Motion, Sensor, read_trajectory
 from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import read_scene, with_checksums
 from zbuf_occlude.sensors.scenes.kinds import KINDS
 from zbuf_occlude.sensors.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
@@ -180,7 +179,7 @@ def named_caster(context: click.Context) -> str:
     """Return the method that casts rays, as typed or by default; raises OptionError for one that cannot."""
     name = context.params.get("method")
     if not explicitly_set(context, ("method",)) or name in (None, AUTO):
-        return default_caster()
+        return "exact"
     find_method(str(name)).check_first_hits()
     return str(name)
 

@@ -8,6 +8,7 @@ import numpy as np
 from zbuf_occlude.base.arrays import LARGEST, FloatArray
 from zbuf_occlude.base.errors import DatasetError, MeshError, describe, escape_control
 from zbuf_occlude.base.extras import importing
+from zbuf_occlude.base.point_files import positions_of
 from zbuf_occlude.meshes.load import warn_of_foreign_lines
 from zbuf_occlude.meshes.ply import read_ply_points
 
@@ -79,9 +80,4 @@ def _read(path: Path, suffix: str) -> FloatArray:
             )
         return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
     loaded: Any = np.load(path, allow_pickle=False)
-    table = loaded["points"] if suffix == ".npz" else loaded
-    if table.dtype.names is not None:
-        return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
-        raise ValueError(f"it must hold rows of x, y, z; it has {table.dtype} of shape {table.shape}")
-    return np.asarray(table[:, :3], np.float64)
+    return positions_of(loaded["points"] if suffix == ".npz" else loaded)

@@ -35,17 +35,11 @@ class Cloud:
         found = {"points": self.points, "normals": self.normals, "colors": self.colors}
         return {name: values for name, values in found.items() if values is not None}
 
-    def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
-        """Return a structured array with one row per point: the columns of the other files.
-
-        Parameters
-        ----------
-        keep_clean : bool
-            Include the noise-free ranges of a scan.
-        """
+    def table(self) -> NDArray[Any]:
+        """Return a structured array with one row per point: the columns of the other files."""
         return point_files.columns_of(self.points, self.normals, self.colors)
 
-    def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the cloud to a file in the format of its suffix.
 
         Parameters
@@ -53,8 +47,6 @@ class Cloud:
         path : path-like
             ``.ply`` (binary) and ``.csv``: the columns of `table`. ``.npy``: `table` as a structured array. ``.npz``:
             `arrays`, by name. ``.pcd``: positions, normals and colours, float32.
-        keep_clean : bool
-            Include the noise-free ranges of a scan, as in `table`.
 
         Raises
         ------
@@ -63,6 +55,10 @@ class Cloud:
         OSError
             The file cannot be written.
         """
+        self._write(path, self.table())
+
+    def _write(self, path: str | os.PathLike[str], table: NDArray[Any]) -> None:
+        """Write the cloud as `save` does, with the columns of `table`."""
         path = as_new_path(path, "path")
         suffix = path.suffix.lower()
         if suffix not in SUFFIXES:
@@ -72,11 +68,11 @@ class Cloud:
         elif suffix == ".pcd":
             point_files.write_pcd_columns(path, self.points, self.normals, self.colors)
         elif suffix == ".ply":
-            point_files.write_table(path, self.table(keep_clean=keep_clean))
+            point_files.write_table(path, table)
         elif suffix == ".npy":
-            atomic.write(path, lambda file: np.save(file, self.table(keep_clean=keep_clean)))
+            atomic.write(path, lambda file: np.save(file, table))
         else:
-            point_files.write_csv(path, self.table(keep_clean=keep_clean))
+            point_files.write_csv(path, table)
 
     def to_open3d(self) -> Any:
         """Return an ``open3d.geometry.PointCloud`` with points, normals and colours.

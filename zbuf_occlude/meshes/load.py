@@ -11,6 +11,7 @@ import numpy as np
 from zbuf_occlude.base.arrays import LARGEST, FloatArray, as_flag
 from zbuf_occlude.base.documents import as_path
 from zbuf_occlude.base.errors import ArgumentError, MeshError, describe, escape_control, shown
+from zbuf_occlude.base.point_files import positions_of
 from zbuf_occlude.base.provenance import MeshSource
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh, check_frame, convert_frame
@@ -141,7 +142,7 @@ def load_mesh(
 
 
 def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
-    """Load a point cloud: PLY without faces, .npy of (n, 3), or .csv whose first columns are x, y, z.
+    """Load a point cloud: PLY without faces, .npy or .csv with x, y, z first, such as `Cloud.save` writes.
 
     Returns
     -------
@@ -246,8 +247,6 @@ def _table(path: Path, suffix: str) -> FloatArray:
             with path.open(encoding="utf-8", errors="replace") as file:
                 has_header = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
             table = np.loadtxt(path, delimiter=",", skiprows=int(has_header), ndmin=2)
+        return positions_of(table)
     except (OSError, ValueError) as error:
-        raise MeshError(f"cannot read it as numbers: {describe(error)}. Check it.") from None
-    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
-        raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
-    return np.asarray(table[:, :3], dtype=np.float64)
+        raise MeshError(f"cannot read the points: {describe(error)}. Check it.") from None

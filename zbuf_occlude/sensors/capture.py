@@ -20,7 +20,7 @@ from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.scan_config import ScanConfig
 from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.contents import Pool, at_rest_of, placed_of
-from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneLayout, SceneRequest
+from zbuf_occlude.sensors.scenes.kinds import METHOD, N_POINTS, TOLERANCE, SceneRequest
 from zbuf_occlude.sensors.scenes.scene import Placed, Scene, upright_pose
 from zbuf_occlude.sensors.scenes.sizes import size_of
 from zbuf_occlude.sensors.sensor import Sensor
@@ -63,8 +63,8 @@ class Capture:
         The prepared scene, open until the next capture.
     pose : (4, 4) float
         Sensor to world.
-    wanted, hidden : float
-        Shares of the target hidden by others: the one drawn, and the one measured.
+    hidden : float
+        Share of the target hidden by others.
     reached : bool
         True where `hidden` is within 2 percent of the range asked for, or none was asked for.
     cut : Cut
@@ -76,7 +76,6 @@ class Capture:
     scene: Scene
     occluder: VisibilityQuery
     pose: FloatArray
-    wanted: float = 0.0
     hidden: float = 0.0
     reached: bool = True
     cut: Cut = field(default_factory=Cut)
@@ -160,7 +159,7 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
         if config.may_hide:
             points, visible_alone = _visible_alone(target_scene, alone, views, config, seeds)
         if config.share is None:  # the same scene for all views
-            placed = _arrange(target, config, views, floor, seeds, pool, 0).placed
+            placed = _arrange(target, config, views, floor, seeds, pool, 0)
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare_scene(scene, config.method) as occluder:
@@ -172,15 +171,15 @@ def captures(mesh: Mesh, config: ScanConfig, views: Views, floor: float, seeds: 
             return
         for number, (eye, own) in enumerate(zip(views.eyes, visible_alone, strict=True)):
             own_points = points.select(own)
-            layout = _arrange(target, config, views, floor, seeds, pool, number, own_points.positions)
-            near = _near(layout.placed, eye, _kept_radius(mesh, config), config)
+            placed = _arrange(target, config, views, floor, seeds, pool, number, own_points.positions)
+            near = _near(placed, eye, _kept_radius(mesh, config), config)
             rng = np.random.default_rng(seeds("albedo", number))
-            scene = Scene.joined(layout.placed, None if config.keep == "all" else near, rng)
+            scene = Scene.joined(placed, None if config.keep == "all" else near, rng)
             with prepare_scene(scene, config.method) as occluder:
                 hidden = _hidden_share(_visible(scene, occluder, own_points, eye[None], config))
                 reached = config.share[0] - TOLERANCE <= hidden <= config.share[1] + TOLERANCE
                 capture = captured(scene, occluder, number)
-                yield replace(capture, wanted=layout.wanted, hidden=hidden, reached=reached)
+                yield replace(capture, hidden=hidden, reached=reached)
 
 
 def captured_scenes(
@@ -189,7 +188,7 @@ def captured_scenes(
     """Yield the whole scene of each view, as `captures` draws it; one object where all views share a scene."""
     target = Placed(mesh, "target")
     if config.share is None:
-        scene = Scene.joined(_arrange(target, config, views, floor, seeds, pool, 0).placed)
+        scene = Scene.joined(_arrange(target, config, views, floor, seeds, pool, 0))
         yield from repeat(scene, len(views))
         return
     target_scene = Scene.joined([target])
@@ -197,7 +196,7 @@ def captured_scenes(
         points, visible_alone = _visible_alone(target_scene, alone, views, config, seeds)
     for number, own in enumerate(visible_alone):
         positions = points.positions[own]
-        yield Scene.joined(_arrange(target, config, views, floor, seeds, pool, number, positions).placed)
+        yield Scene.joined(_arrange(target, config, views, floor, seeds, pool, number, positions))
 
 
 def _visible_alone(
@@ -217,14 +216,14 @@ def _arrange(
     pool: Pool,
     view: int,
     positions: FloatArray = _NOWHERE,
-) -> SceneLayout:
+) -> list[Placed]:
     """Put objects around a target; `positions` are those that the view would see of the target alone."""
     request = SceneRequest(target, views.eyes[view], floor, positions, config.share, pool, config.table)
     rng = np.random.default_rng(seeds("scene", view))
-    layout = config.kind.arrange(request, rng)
+    placed = config.kind.arrange(request, rng)
     fixed = placed_of(config.objects, floor, config.transparent)
     resting = at_rest_of(config.objects, request, fixed, rng, config.transparent)
-    return layout._replace(placed=[*layout.placed, *fixed, *resting])
+    return [*placed, *fixed, *resting]
 
 
 def _visible(

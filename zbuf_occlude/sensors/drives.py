@@ -15,7 +15,7 @@ from zbuf_occlude.sensors.noise import apply_noise
 from zbuf_occlude.sensors.rays import numbers_of
 from zbuf_occlude.sensors.returns import Scan
 from zbuf_occlude.sensors.rigs import Mounted, Rig
-from zbuf_occlude.sensors.scanning import default_caster, noiseless_scan
+from zbuf_occlude.sensors.scanning import noiseless_scan
 from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.sensor import Sensor
 
@@ -46,7 +46,7 @@ def sweeps_held(rig: Rig, motion: Motion) -> int | None:
 
 
 def scan_drive(
-    scene: Scene, rig: Rig, motion: Motion, n_sweeps: int, *, seed: int = 0, method: str | None = None
+    scene: Scene, rig: Rig, motion: Motion, n_sweeps: int, *, seed: int = 0, method: str = "exact"
 ) -> Iterator[DriveSweep]:
     """Scan a scene sweep by sweep from a rig that moves through it.
 
@@ -62,8 +62,8 @@ def scan_drive(
         the rig had stood still at `DriveSweep.pose`.
     n_sweeps : int
     seed : int
-    method : str, optional
-        Ray caster. By default the first that is available.
+    method : str
+        Ray caster.
 
     Yields
     ------
@@ -92,7 +92,7 @@ def scan_drive(
             f"the trajectory holds {held} whole sweeps of {rig.period:g} s; {n_sweeps} were asked for. Give fewer "
             "sweeps, or a longer trajectory."
         )
-    return _sweeps(scene, rig, motion, n_sweeps, seed, method or default_caster())
+    return _sweeps(scene, rig, motion, n_sweeps, seed, method)
 
 
 def _sweeps(scene: Scene, rig: Rig, motion: Motion, n_sweeps: int, seed: int, method: str) -> Iterator[DriveSweep]:

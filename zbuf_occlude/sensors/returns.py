@@ -1,5 +1,6 @@
 """A scan: the returns of a sensor as a point cloud, and the table of its columns."""
 
+import os
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -151,6 +152,10 @@ class Scan(Cloud):
         for each in columns:
             table[each.name] = getattr(self, each.attribute)
         return table
+
+    def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
+        """Write the scan to a file as `Cloud.save` does; parameters as of `table`."""
+        self._write(path, self.table(keep_clean=keep_clean))
 
     def select(self, which: ArrayLike) -> "Scan":
         """Return the returns that a boolean mask or an index array selects, in its order."""

@@ -29,17 +29,8 @@ from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.second_camera import select_triangulated
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, check_keywords, find_method, precompile
+from zbuf_occlude.visibility import check_keywords, find_method, precompile
 from zbuf_occlude.visibility.interface import VisibilityQuery
-
-CASTERS = ("exact", "embree", "oracle")
-"""Default ray casters, in order of preference."""
-
-
-def default_caster() -> str:
-    """Return the name of the first of `CASTERS` that is available."""
-    able = {row.name for row in METHODS if not row.ray_casting_unsupported_reason and not row.missing()}
-    return next(name for name in CASTERS if name in able)
 
 
 def scan(
@@ -56,7 +47,7 @@ def scan(
     transparent: Mapping[str, float | None] | None = None,
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
-    method: str | None = None,
+    method: str = "exact",
     occluder: VisibilityQuery | None = None,
     towards: ArrayLike | None = None,
     target: VisibilityQuery | None = None,
@@ -94,8 +85,8 @@ def scan(
         ray meets them where they are at its time.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
-    method : str, optional
-        Ray caster. By default the first of `CASTERS` that is available.
+    method : str
+        Ray caster.
     occluder : VisibilityQuery, optional
         The prepared scene (`casting.prepare_scene`); for a scene in which nothing moves, its prepared mesh.
     towards : (2, 3) float, optional
@@ -132,15 +123,14 @@ def scan(
     True
     >>> found.save("scan.npz")
     """
-    caster = default_caster() if method is None else method
-    check_keywords(scan, caster, options)
+    check_keywords(scan, method, options)
     for name, given in (("occluder", occluder), ("target", target)):
         if given is not None and not isinstance(given, VisibilityQuery):
             raise ArgumentError(f"{name} must be a VisibilityQuery, made by prepare; got {type(given).__name__}.")
     sensor = make(sensor)
     scene = _scene_of(scene, size=size, up=up, unit=unit, transparent=transparent)
     if occluder is None:
-        precompile(caster, question_of(sensor, motion))
+        precompile(method, question_of(sensor, motion))
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
@@ -166,7 +156,7 @@ def noiseless_scan(
     origin: FloatArray,
     *,
     motion: Motion | None = None,
-    method: str | None = None,
+    method: str = "exact",
     occluder: VisibilityQuery | None = None,
     towards: ArrayLike | None = None,
     target: VisibilityQuery | None = None,
@@ -185,9 +175,8 @@ def noiseless_scan(
     if target is not None:
         hits = (cast_beams(target, rays, rotation, origin, sensor.noise_model).face_ids >= 0).any(axis=(1, 2))
         rays, rays_at_rest = rays.select(hits), rays_at_rest.select(hits)
-    name = default_caster() if method is None else method
-    find_method(name).check_first_hits()
-    with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
+    find_method(method).check_first_hits()
+    with prepare_scene(scene, method, **options) if occluder is None else nullcontext(occluder) as opened:
         if not (scene.is_opaque_and_static or isinstance(opened, DynamicScene)):
             raise ArgumentError(
                 "occluder of a scene with moving or transparent objects must be made by prepare_scene. Leave it out."

@@ -46,20 +46,17 @@ METHODS = Methods(
         Method(
             "embree",
             "ray casting with Intel Embree, float32: an independent check, for comparison",
-            extra="embree",
             requires="embreex",
         ),
         Method(
             "warp",
             "ray casting with NVIDIA Warp, decided in float64: equal to the oracle; CUDA or CPU",
             exact=True,
-            extra="warp",
             requires="warp",
         ),
         Method(
             "pyrender",
             "depth images by pyrender in a process of its own and a depth test, for comparison in image space",
-            extra="pyrender",
             requires="pyrender",
             libraries=("libEGL.so.1", "libGL.so.1", "libXrender.so.1"),
             ray_casting_unsupported_reason="its rays are those of its camera's pixels",
@@ -88,7 +85,6 @@ METHODS = Methods(
             "hidden_point_removal",
             "Katz 2007 through Open3D: convex hull of the flipped cloud, without faces",
             needs_faces=False,
-            extra="open3d",
             requires="open3d",
             libraries=("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1"),
             ray_casting_unsupported_reason="it uses points and no faces",

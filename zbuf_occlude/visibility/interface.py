@@ -23,7 +23,7 @@ from zbuf_occlude.base.arrays import (
     rescale_directions,
 )
 from zbuf_occlude.base.errors import ArgumentError, OptionError, UnavailableError, did_you_mean, shown
-from zbuf_occlude.base.extras import importing, missing
+from zbuf_occlude.base.extras import EXTRAS, importing, missing
 from zbuf_occlude.geometry.far_faces import FarFaces, far_faces
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.sampling import SurfacePoints
@@ -254,8 +254,8 @@ class Method:
     needs_gl : bool
     needs_faces : bool
         True if it uses the mesh's faces; a method that does not can be prepared with a point cloud.
-    extra : str
-        Optional dependency that it needs, "" for none; `requires` is the package to import.
+    requires : str
+        Optional package that it imports, "" for none.
     libraries : tuple of str
         Libraries that the package links to on Linux and does not include.
     ray_casting_unsupported_reason : str
@@ -267,7 +267,6 @@ class Method:
     exact: bool = False
     needs_gl: bool = False
     needs_faces: bool = True
-    extra: str = ""
     requires: str = ""
     libraries: tuple[str, ...] = ()
     ray_casting_unsupported_reason: str = ""
@@ -276,6 +275,11 @@ class Method:
     def module(self) -> str:
         """Name of the method's module."""
         return f"{__package__}.methods.{self.name}"
+
+    @property
+    def extra(self) -> str:
+        """Extra of this project that installs `requires`; "" for none."""
+        return EXTRAS.get(self.requires, "")
 
     def missing(self) -> str:
         """Return the reason why the method cannot run here; "" if nothing is known to be missing.

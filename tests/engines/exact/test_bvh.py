@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from zbuf_occlude import ArgumentError, Mesh, SurfacePoints, prepare
-from zbuf_occlude.base.jit.threads import single_threaded
+from zbuf_occlude.base.jit.threads import n_threads, use_threads
 from zbuf_occlude.engines.exact import bvh as bvh_module
 from zbuf_occlude.engines.exact import search, single_rays
 from zbuf_occlude.engines.exact.bvh import Bvh, build_bvh
@@ -121,8 +121,12 @@ def test_faces_at_one_place_are_in_one_leaf_each(n: int) -> None:
 def test_the_number_of_threads_changes_nothing() -> None:
     mesh = shapes.benchmark_mesh(150_000)  # more than one thread is woken for
     by_many = build_bvh(mesh, 0.0)
-    with single_threaded():
+    before = n_threads()
+    use_threads(1)
+    try:
         by_one = build_bvh(mesh, 0.0)
+    finally:
+        use_threads(before)
     used = (np.arange(LEAF) < by_one.n_children[:, None]).reshape(-1)
     np.testing.assert_array_equal(by_many.children[used], by_one.children[used])
     for name in set(Bvh._fields) - {"children"}:

@@ -74,15 +74,15 @@ def test_a_gpu_cut_into_instances_has_no_graphics(tmp_path: Path) -> None:
 )
 def test_cuda_visible_devices_chooses(visible: str | None, left: list[int]) -> None:
     listed = (
-        EglDevice(0, 0, "", False, "GPU-aaaa-0"),
-        EglDevice(1, 1, "", False, "GPU-bbbb-1"),
-        EglDevice(2, None, "", True),
+        EglDevice(0, 0, False, "GPU-aaaa-0"),
+        EglDevice(1, 1, False, "GPU-bbbb-1"),
+        EglDevice(2, None, True),
     )
     assert [device.index for device in left_by_cuda(listed, visible)] == left
 
 
 def test_without_a_word_the_first_that_cuda_sees_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
-    swapped = (EglDevice(0, 1, "", False), EglDevice(1, 0, "", False), EglDevice(2, None, "", True))
+    swapped = (EglDevice(0, 1, False), EglDevice(1, 0, False), EglDevice(2, None, True))
     monkeypatch.setattr(devices, "egl_devices", lambda: swapped)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
     assert devices.default_device() == 1

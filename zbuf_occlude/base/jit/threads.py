@@ -1,9 +1,8 @@
 """Multithreaded kernels: threads take tasks from a shared counter."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -76,17 +75,6 @@ def use_threads(n: int) -> None:
     """Limit calls in this process to n threads, at least one; forked children inherit the limit."""
     global _most
     _most = max(1, n)
-
-
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """Start no thread within the block, so that the process may be forked afterwards."""
-    global _most
-    before, _most = _most, 1
-    try:
-        yield
-    finally:
-        _most = before
 
 
 def n_threads() -> int:

@@ -36,7 +36,6 @@ from zbuf_occlude.meshes.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, make
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_views
 from zbuf_occlude.sensors.scan_config import ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.scenes.contents import Pool
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.visibility import find_method, prepare
@@ -479,7 +478,7 @@ class OnTheFlyScan:
         if not isinstance(numbers, Mapping | None):
             raise ArgumentError(f"numbers must be a mapping; got {shown(numbers)}.")
         self.n_points = n_points
-        given = {"method": default_caster(), "range": (5.0, 50.0), **config}
+        given = {"range": (5.0, 50.0), **config}
         self.config = ScanConfig(make(sensor, **(numbers or {})), **given)
         if not isinstance(surroundings, MeshCollection | None):
             raise ArgumentError(

@@ -11,8 +11,8 @@ from uuid import UUID
 
 from zbuf_occlude.base.errors import GlError
 
-# EGL_EXT_device_query, EGL_NV_device_cuda, EGL_EXT_device_drm, EGL_EXT_device_persistent_id
-_EXTENSIONS, _CUDA_DEVICE, _DRM_DEVICE_FILE, _DEVICE_UUID = 0x3055, 0x323A, 0x3233, 0x335C
+# EGL_EXT_device_query, EGL_NV_device_cuda, EGL_EXT_device_persistent_id
+_EXTENSIONS, _CUDA_DEVICE, _DEVICE_UUID = 0x3055, 0x323A, 0x335C
 _MAX_DEVICES = 64
 _NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceAttribEXT", b"eglQueryDeviceStringEXT", b"eglQueryDeviceBinaryEXT")
 
@@ -48,8 +48,6 @@ class EglDevice:
         Index for `GlContext.open(device_index=...)`.
     cuda_device : int or None
         CUDA ordinal of the same GPU, without regard to CUDA_VISIBLE_DEVICES; None if it is not a CUDA device.
-    drm_file : str
-        DRM device file, such as ``/dev/dri/card0``; "" for none.
     is_software : bool
         True for Mesa's rasteriser, by its extension EGL_MESA_device_software.
     uuid : str
@@ -58,7 +56,6 @@ class EglDevice:
 
     index: int
     cuda_device: int | None
-    drm_file: str
     is_software: bool
     uuid: str = ""
 
@@ -90,7 +87,6 @@ def egl_devices() -> tuple[EglDevice, ...]:
         handle, value = handles[index], ctypes.c_ssize_t(0)
         extensions = (string(handle, _EXTENSIONS) or b"").decode().split()
         has_cuda = "EGL_NV_device_cuda" in extensions and attribute(handle, _CUDA_DEVICE, ctypes.byref(value))
-        drm_file = string(handle, _DRM_DEVICE_FILE) if "EGL_EXT_device_drm" in extensions else None
         uuid = (ctypes.c_ubyte * 16)()
         has_uuid = "EGL_EXT_device_persistent_id" in extensions and addresses[3]
         has_uuid = has_uuid and binary(handle, _DEVICE_UUID, 16, uuid, ctypes.byref(integer(0)))
@@ -98,7 +94,6 @@ def egl_devices() -> tuple[EglDevice, ...]:
             EglDevice(
                 index,
                 int(value.value) if has_cuda else None,
-                (drm_file or b"").decode(),
                 "EGL_MESA_device_software" in extensions,
                 f"GPU-{UUID(bytes=bytes(uuid))}" if has_uuid else "",
             )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -75,37 +75,30 @@ class SceneRequest:
     table: Mapping[str, Any] | None = None
 
 
-class SceneLayout(NamedTuple):
-    """The objects of a scene."""
-
-    placed: list[Placed]  # the target first
-    wanted: float = 0.0  # share of the target that was drawn to be hidden; 0 where none was
-
-
-def none(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def none(request: SceneRequest, rng: np.random.Generator) -> list[Placed]:
     """Return the target alone, or on its table."""
-    return SceneLayout([request.target, *_table(request)])
+    return [request.target, *_table(request)]
 
 
-def ground(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def ground(request: SceneRequest, rng: np.random.Generator) -> list[Placed]:
     """Return the target on a plane, or on its table there."""
-    return SceneLayout([request.target, _ground(request), *_table(request)])
+    return [request.target, _ground(request), *_table(request)]
 
 
-def tabletop(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def tabletop(request: SceneRequest, rng: np.random.Generator) -> list[Placed]:
     """Return the target on a table, among objects at rest; those that find no place are left out."""
     assert request.table is not None
-    placed, occupied = ground(request, rng).placed, [footprint(request.target.vertices)]
+    placed, occupied = ground(request, rng), [footprint(request.target.vertices)]
     for _ in range(TABLE_OBJECTS):
         mesh, label = request.pool(rng.random())
         with suppress(MeshError):
             placed.append(put_at_rest(mesh, label, request.table["size"], request.floor, occupied, rng))
-    return SceneLayout(placed)
+    return placed
 
 
-def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def street(request: SceneRequest, rng: np.random.Generator) -> list[Placed]:
     """Return the target among objects, poles and a wall, some of them in front of it to hide a share of it."""
-    wanted, before = _hidden_by(request, rng, box_mesh(5.2, 2.0, 2.3), "van")
+    before = _hidden_by(request, rng, box_mesh(5.2, 2.0, 2.3), "van")
     placed = [request.target, _ground(request), *before]
     along, across = _frame(request)
     size = 2 * _radius(request.target.vertices)
@@ -125,12 +118,12 @@ def street(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
     away = rng.uniform(24.0, 30.0) * along[:2]
     wall = upright_pose(float(np.arctan2(across[1], across[0])), [*away, request.floor])
     placed.append(Placed(box_mesh(80.0, 0.3, 4.0), "wall", wall, is_background=True))
-    return SceneLayout(placed, wanted)
+    return placed
 
 
-def room(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
+def room(request: SceneRequest, rng: np.random.Generator) -> list[Placed]:
     """Return the target in a furnished room: floor, ceiling, and four walls about target and sensor."""
-    wanted, before = _hidden_by(request, rng, box_mesh(1.2, 0.1, 1.8), "screen")
+    before = _hidden_by(request, rng, box_mesh(1.2, 0.1, 1.8), "screen")
     along, across = _frame(request)
     distance, size = float(np.linalg.norm(request.eye[:2])), _radius(request.target.vertices)
     behind, aside = size + rng.uniform(0.4, 2.0), size + rng.uniform(1.2, 3.0)
@@ -150,7 +143,7 @@ def room(request: SceneRequest, rng: np.random.Generator) -> SceneLayout:
         mesh, label = request.pool(rng.random())
         if _radius(mesh.bounds) <= aside - 0.2 and np.ptp(mesh.bounds, axis=0)[2] <= height:
             placed += _at_free_position(mesh, label, draw_position, occupied, 0.0, request, rng)
-    return SceneLayout(placed, wanted)
+    return placed
 
 
 @dataclass(frozen=True)
@@ -161,7 +154,7 @@ class Kind:
     ----------
     name, summary : str
     arrange : callable
-        Returns the layout for a request and a generator.
+        Returns the objects for a request and a generator, the target first.
     sensor_height : float or None
         Height of a LiDAR above the ground, metres; None: there is no ground.
     share : (float, float) or None
@@ -172,7 +165,7 @@ class Kind:
 
     name: str
     summary: str
-    arrange: Callable[[SceneRequest, np.random.Generator], SceneLayout]
+    arrange: Callable[[SceneRequest, np.random.Generator], list[Placed]]
     sensor_height: float | None = None
     share: tuple[float, float] | None = None
     most: int = 1
@@ -188,16 +181,16 @@ KINDS: tuple[Kind, ...] = (
 """The kinds of scenes. The LiDAR's height is that of the HDL-64E on KITTI's car; in a room it is assumed."""
 
 
-def _hidden_by(request: SceneRequest, rng: np.random.Generator, last: Mesh, label: str) -> tuple[float, list[Placed]]:
-    """Return a share drawn from the bounds asked for, and objects in front of the target that hide it."""
+def _hidden_by(request: SceneRequest, rng: np.random.Generator, last: Mesh, label: str) -> list[Placed]:
+    """Return objects in front of the target that hide a share of it, drawn from the bounds asked for."""
     low, high = request.share or (0.0, 0.0)
     wanted = float(rng.uniform(low, high))
     if high == 0.0 or not len(request.positions):
-        return 0.0, []
+        return []
     distance = float(np.linalg.norm(request.eye[:2]))
     size = _radius(request.target.vertices)
     if distance <= size:  # no room between a target and a camera above it
-        return wanted, []
+        return []
     best: tuple[float, list[Placed]] = (1.0, [])
     for number in range(TRIES + 1):
         mesh, name = (last, label) if number == TRIES else request.pool(rng.random())
@@ -217,7 +210,7 @@ def _hidden_by(request: SceneRequest, rng: np.random.Generator, last: Mesh, labe
             best = abs(hidden - wanted), [one]
         if best[0] <= TOLERANCE / 2:
             break
-    return wanted, best[1]
+    return best[1]
 
 
 def _standing(

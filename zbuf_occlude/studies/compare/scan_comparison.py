@@ -28,12 +28,12 @@ from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.sensors.bop import MILLIMETRES
 from zbuf_occlude.sensors.catalog import make
-from zbuf_occlude.sensors.scanning import default_caster, scan
+from zbuf_occlude.sensors.scanning import scan
 from zbuf_occlude.sensors.scenes.scene import Scene
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.studies.compare.bop_folder import camera_of, model_number
 from zbuf_occlude.studies.compare.scan_files import read_poses, read_scan_file, rigid
-from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import VisibilityQuery
 
 DEPTH_UNIT = 0.001
@@ -141,7 +141,7 @@ def compare_scans(
     slack: float | None = None,
     depth_unit: float | None = None,
     refine: bool = False,
-    method: str | None = None,
+    method: str = "exact",
     seed: int = 0,
 ) -> list[ScanComparison]:
     """Compare real scans of an object with the scans that a sensor predicts from its mesh.
@@ -168,8 +168,8 @@ def compare_scans(
         Metres of one step of depth images. Default: a millimetre, or for BOP the value in scene_camera.json.
     refine : bool
         Fit each pose to the mesh first (Open3D's ICP, point to plane, within `slack`).
-    method : str, optional
-        Method that casts the rays. Default: the first that can run here.
+    method : str
+        Ray caster.
     seed : int
         Seed of the simulated scans.
 
@@ -204,8 +204,6 @@ def compare_scans(
             mesh = mesh.transformed(1.0 / MILLIMETRES)
     mesh, sensor = as_mesh(mesh), make(sensor)
     refine = as_flag(refine, "refine")
-    if method is not None:
-        find_method(method)  # raises for an unknown method
     for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
         if value is not None:
             as_number(value, name, "a length above 0", lambda length: length > 0.0)
@@ -224,7 +222,7 @@ def compare_scans(
     if len(matrices) != len(read):
         raise ArgumentError(f"poses must be one per scan ({len(read)}); got {len(matrices)}.")
     sensor_to_scan = np.eye(4) if sensor_pose is None else rigid(sensor_pose, "sensor_pose")
-    with prepare(mesh, method or default_caster()) as occluder:
+    with prepare(mesh, method) as occluder:
         comparison = _Comparison(mesh, occluder, sensor_to_scan, tolerance, slack, refine, seed)
         return [
             comparison.run(name, cloud, pose, camera)

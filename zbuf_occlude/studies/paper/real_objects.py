@@ -28,7 +28,6 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes import traffic
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import LEAST_POINTS, ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.studies.learn.data import CloudSet, load_clouds
 from zbuf_occlude.studies.paper.design import (
     ALL_AROUND,
@@ -105,7 +104,6 @@ class RealObjects(Experiment):
             make(SENSOR),
             range=RANGE,
             size="file",
-            method=default_caster(),
             scene="street",
             hidden=HIDDEN,
             least_points=LEAST_POINTS,

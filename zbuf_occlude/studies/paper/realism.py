@@ -19,7 +19,6 @@ from zbuf_occlude.datasets.source import open_dataset
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan_config import LEAST_POINTS, ScanConfig
-from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.studies.learn.data import CloudSet
 from zbuf_occlude.studies.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, SCENES, TWO_EYES, UNIFORM, Size
 from zbuf_occlude.studies.paper.experiments import Experiment, epochs_for, paper_objects
@@ -68,7 +67,6 @@ class Realism(Experiment):
             make(TRIANGULATING if near else SENSOR),
             range=NEAR_RANGE if near else RANGE,
             size={"*": NEAR_METRES if near else OBJECT_METRES},
-            method=default_caster(),
             **scene,
         )
         return Plan(self.meshes, DatasetConfig(**common, scan=scan))
