@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -79,6 +80,14 @@ def test_a_path_is_a_mesh_too() -> None:
         assert repr(occluder) == "VisibilityQuery('exact', Mesh('chair', 24 vertices, 36 faces))"
     assert repr(occluder).endswith(", closed)")
     assert zo.views.for_mesh("car.obj", "fibonacci:5", distance=2).distance.tolist() == [8.0] * 5
+
+
+def test_a_pcd_of_a_cloud_far_from_the_origin_warns() -> None:
+    near = zo.occlude(box(), azimuth=30, elevation=20, n_points=60)
+    far = replace(near, points=near.points + np.array([5e5, 0.0, 0.0]))
+    far.save("far.npz")
+    with pytest.warns(UserWarning, match=r"far\.pcd has float32; its coordinates reach 50000\d.* are 0\.031 apart"):
+        far.save("far.pcd")
 
 
 @pytest.mark.parametrize(

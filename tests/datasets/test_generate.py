@@ -17,6 +17,7 @@ import pytest
 from tests.cli.conftest import write_off
 from tests.datasets.test_export import config_for
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError, OptionError
+from zbuf_occlude.datasets import pipeline
 from zbuf_occlude.datasets import plan as plans
 from zbuf_occlude.datasets.folder import locked, partition_files
 from zbuf_occlude.datasets.formats import FORMATS
@@ -427,3 +428,54 @@ class TestMeshes:
         assert first["failures"] == {"table/solid_1.off": "it took longer"}
         assert generate(plan, out) == first
         assert generate(plan, out, retry_failed=True)["failures"] == {}
+
+
+@pytest.mark.parametrize("format", ["hdf5", "packed"])
+def test_scaled_by_the_object_all_clouds_have_the_box_of_its_mesh(tmp_path: Path, format: str) -> None:
+    """Few points are drawn, so that their own box is smaller, and another in each variation."""
+    mesh = Mesh(np.array([[10.0, 0, 0], [16, 0, 0], [10, 2, 0], [10, 0, 3]]), FACES)
+    meshes = MeshCollection([MeshEntry("m", "odd", "train", lambda: mesh)])
+    generate(Plan(meshes, replace(CONFIG, n_points=20, variations=3, scale="object"), format), tmp_path)
+    source = open_dataset(tmp_path)
+    records = np.concatenate([source.take(numbers) for numbers in source.order.values()])
+    assert set(records["variation"]) == {0, 1, 2}
+    np.testing.assert_allclose(records["centre"], np.broadcast_to([13.0, 1.0, 1.5], (len(records), 3)), rtol=1e-12)
+    np.testing.assert_allclose(records["factor"], 1.0 / 6.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("format", ["hdf5", "packed"])
+@pytest.mark.parametrize(
+    ("away", "scale", "fails"), [(1e6, "mesh", True), (1e3, "mesh", False), (1e6, "object", False)]
+)
+def test_a_mesh_too_far_from_the_origin_for_float32_is_not_rounded(
+    tmp_path: Path, format: str, away: float, scale: str, fails: bool
+) -> None:
+    far = Mesh(tetrahedron(1).vertices + away, FACES)
+    meshes = MeshCollection(
+        [MeshEntry("far", "odd", "train", lambda: far), MeshEntry("near", "odd", "train", partial(tetrahedron, 1))]
+    )
+    document = generate(Plan(meshes, replace(CONFIG, scale=scale), format), tmp_path)
+    assert document["failures"].keys() == ({"far"} if fails else set())
+    if fails:
+        assert "float32 numbers are 0.062 apart" in document["failures"]["far"]  # 2^-4 from 2^19 on
+        return
+    source = open_dataset(tmp_path)
+    for record in (one for numbers in source.order.values() for one in source.take(numbers)):
+        x, y, z = (record["data"] / record["factor"] + record["centre"]).T - (away if record["mesh_id"] == 0 else 0.0)
+        off = np.abs([x, y, z, (x + y + z - 2.0) / np.sqrt(3.0)]).min(axis=0)  # distance to a plane of its faces
+        assert off.max() < 1e-4 * 2.0
+
+
+def test_a_mesh_for_which_memory_does_not_suffice_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    meshes = collection(4)
+    sample_of = pipeline.sample
+
+    def sample(mesh: Mesh, *given: Any) -> Any:
+        if mesh.longest_side == 2.0:  # of m1
+            np.empty(2**57)
+        return sample_of(mesh, *given)
+
+    monkeypatch.setattr(pipeline, "sample", sample)
+    document = generate(Plan(meshes, CONFIG), tmp_path)
+    assert document["failures"].keys() == {"m1"}
+    assert document["failures"]["m1"].startswith("out of memory (Unable to allocate 1.00 EiB")

@@ -61,13 +61,13 @@ def test_fit_makes_the_longest_side_one() -> None:
 
 
 def test_a_view_that_sees_nothing_gives_no_cloud(points: SurfacePoints) -> None:
-    records = gather_clouds(points, half_mask(points), VIEWS, DatasetConfig(sample_size=50), "square", 0)
+    records = gather_clouds(points, half_mask(points), VIEWS, 1.0, DatasetConfig(sample_size=50), "square", 0)
     assert records["view_id"].tolist() == [0, 2]
     assert records["n_visible"].tolist() == [int(half_mask(points)[0].sum()), 3]
 
 
 def test_centre_and_factor_lead_back_to_visible_points(points: SurfacePoints) -> None:
-    record = gather_clouds(points, half_mask(points), VIEWS, DatasetConfig(sample_size=50), "square", 0)[0]
+    record = gather_clouds(points, half_mask(points), VIEWS, 1.0, DatasetConfig(sample_size=50), "square", 0)[0]
     back = record["data"] / record["factor"] + record["centre"]
     distance = np.abs(back[:, None] - points.positions[None]).max(axis=2).min(axis=1)
     assert distance.max() < 1e-6
@@ -77,7 +77,7 @@ def test_centre_and_factor_lead_back_to_visible_points(points: SurfacePoints) ->
 
 def test_camera_frame_puts_the_eye_at_the_origin_looking_along_minus_z(points: SurfacePoints) -> None:
     config = DatasetConfig(sample_size=50, scale="mesh", frame="camera")
-    record = gather_clouds(points, half_mask(points), VIEWS, config, "square", 0)[0]
+    record = gather_clouds(points, half_mask(points), VIEWS, 1.0, config, "square", 0)[0]
     assert (record["data"][:, 2] < 0).all()
     world = (record["data"] - record["pose"][:3, 3]) @ record["pose"][:3, :3]
     assert np.abs(world[:, 2]).max() < 1e-5, "all points lie in the plane z = 0 of the world"
@@ -91,7 +91,7 @@ def test_the_subset_depends_on_seed_key_variation_and_view_only(points: SurfaceP
     def data(**changes: object) -> bytes:
         config = DatasetConfig(sample_size=50, seed=int(changes.get("seed", 0)))  # type: ignore[call-overload]
         key, variation = str(changes.get("key", "a")), int(changes.get("variation", 0))  # type: ignore[call-overload]
-        return gather_clouds(points, half_mask(points), VIEWS, config, key, variation)["data"].tobytes()
+        return gather_clouds(points, half_mask(points), VIEWS, 1.0, config, key, variation)["data"].tobytes()
 
     assert data() == data()
     assert len({data(), data(seed=1), data(key="b"), data(variation=1)}) == 4
@@ -164,12 +164,12 @@ def test_clouds_of_farthest_points_are_spread_more_evenly_than_random_ones() -> 
     mask[1, 50:] = False  # fewer than asked
     closest = {}
     for subset in ("random", "fps"):
-        clouds = gather_clouds(points, mask, views, DatasetConfig(subset=subset, sample_size=200), "key", 0)
+        clouds = gather_clouds(points, mask, views, 1.0, DatasetConfig(subset=subset, sample_size=200), "key", 0)
         assert set(points.face_ids[:50]) >= set(clouds[1]["face_ids"]), "points repeat, none is made up"
         cloud = clouds[0]["data"].astype(float)
         apart = np.linalg.norm(cloud[:, None] - cloud, axis=2) + np.eye(200) * 9
         closest[subset] = apart.min()
-        again = gather_clouds(points, mask, views, DatasetConfig(subset=subset, sample_size=200), "key", 0)
+        again = gather_clouds(points, mask, views, 1.0, DatasetConfig(subset=subset, sample_size=200), "key", 0)
         assert np.array_equal(again["data"], clouds["data"])
     assert closest["fps"] > 5 * closest["random"]
 

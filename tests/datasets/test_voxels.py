@@ -17,15 +17,15 @@ SIDES = np.array([0.4, 0.3, 1.0])
 N = 32
 
 
-def plan(**changes: object) -> Plan:
-    mesh = box(tuple(SIDES)).transformed(1.0, (3.0, 1.0, 2.0))
+def plan(size: float = 1.0, **changes: object) -> Plan:
+    mesh = box(tuple(SIDES)).transformed(size, (3.0 * size, 1.0 * size, 2.0 * size))
     config = DatasetConfig(method="exact", views="ring:2@0", n_points=500, sample_size=64, **changes)
     return Plan(MeshCollection([MeshEntry("crate/one.off", "crate", "train", lambda: mesh)]), config, "voxels")
 
 
-@pytest.mark.parametrize("scale", ["mesh", "object"])
-def test_distances_of_a_box(tmp_path: Path, scale: str) -> None:
-    generate(plan(scale=scale), tmp_path)
+@pytest.mark.parametrize(("scale", "size"), [("mesh", 1.0), ("object", 1.0), ("object", 1e60), ("object", 1e-60)])
+def test_distances_of_a_box(tmp_path: Path, scale: str, size: float) -> None:
+    generate(plan(size, scale=scale), tmp_path)
     (folder,) = (tmp_path / "train.txt").read_text().splitlines()
     centres = ((np.arange(N) + 0.5) / N - 0.5) * 1.1
     at = np.stack(np.meshgrid(centres, centres, centres, indexing="ij"), axis=-1)

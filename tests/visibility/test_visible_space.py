@@ -56,6 +56,17 @@ def test_distances_of_eyes_on_both_sides_are_fused() -> None:
         grid.tsdf(0.0)
 
 
+@pytest.mark.parametrize("size", [1e-25, 1e25])
+def test_distances_count_in_the_unit_of_the_mesh(size: float) -> None:
+    unit, grid = (
+        zo.visibility_grid(box().transformed(factor), [3.0 * factor, factor, 2.0 * factor], n=9)
+        for factor in (1.0, size)
+    )
+    assert grid.tsdf(3 * grid.step) / size == pytest.approx(unit.tsdf(3 * unit.step), abs=1e-5)
+    with pytest.raises(zo.ArgumentError, match="side must be between 1e-30 and 1e\\+30"):
+        zo.visibility_grid(box().transformed(size**2), [1.0, 0.0, 0.0], n=9)
+
+
 def test_a_hidden_point_has_the_nearest_face_before_it() -> None:
     mesh = two_plates()  # faces 0, 1 below 2, 3
     points = zo.sample_surface(mesh, n_points=500, seed=0)

@@ -14,6 +14,9 @@ from zbuf_occlude.base.jit.compiler import njit
 LARGEST = 1e70
 """Largest absolute coordinate: the fourth power of longer lengths (areas squared) would overflow."""
 
+MAX_STEP = 2e-4
+"""Largest distance between neighbouring float32 numbers, relative to the longest side of what is stored in them."""
+
 SHORTEST = 1e-20
 """Shortest direction with a safe norm, its inverse the longest: others would underflow or overflow in products."""
 
@@ -27,6 +30,21 @@ BoolArray = NDArray[np.bool_]
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) scaled to length 1; zero vectors stay zero."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), np.finfo(np.float64).tiny))
+
+
+def float32_fault(positions: FloatArray) -> str:
+    """Return why positions (n, 3) are too far from the origin, for their extent, to be stored in float32; else ""."""
+    low, high = positions.min(axis=0, initial=np.inf), positions.max(axis=0, initial=-np.inf)
+    reach, side = float(np.maximum(-low, high).max()), float((high - low).max())
+    with np.errstate(over="ignore"):
+        nearest = np.float32(max(reach, 0.0))
+    step = float(np.spacing(nearest)) if np.isfinite(nearest) else np.inf
+    if side <= 0.0 or step <= MAX_STEP * side:
+        return ""
+    return (
+        f"coordinates reach {reach:.9g}, where float32 numbers are {step:.2g} apart: too coarse for a longest side of "
+        f"{side:.3g}"
+    )
 
 
 def shape_and_dtype(values: Any) -> str:

@@ -1,5 +1,6 @@
 """Command `scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and a plot of it."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -92,7 +93,10 @@ def scan_command(
     capture, size, centre = scan_once(collection, scan, azimuth, elevation, seed)
     check_returns(capture, scan, size)
     found = replace(capture.scan, origin=capture.scan.origin + centre)
-    found.save(out, keep_clean=scan.keep_clean)
+    with warnings.catch_warnings(record=True) as said:
+        found.save(out, keep_clean=scan.keep_clean)
+    for each in said:
+        echo(f"warning: {each.message}", err=True)
     hidden = ""
     if scan.may_hide:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"

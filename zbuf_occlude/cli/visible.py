@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.base import atomic
-from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray, float32_fault
 from zbuf_occlude.base.errors import MeshError, check_choice
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.base.point_files import columns_of, write_csv, write_ply
@@ -163,6 +163,8 @@ def write_part(
         part = visible_mesh(mesh, views.eyes)
     kind = out.suffix[1:].lower()
     digits = {} if kind == "stl" else {"digits": 17}  # all of a float64; STL has float32
+    if kind == "stl" and (reason := float32_fault(part.mesh.vertices)):
+        echo(f"warning: {out.name} has float32; its {reason}. .obj and .off have float64.", err=True)
     data = part.mesh.to_trimesh().export(file_type=kind, **digits)
     atomic.write(out, lambda file: file.write(data.encode() if isinstance(data, str) else data))
     share = part.mesh.areas.sum() / mesh.areas.sum()

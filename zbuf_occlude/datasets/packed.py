@@ -355,7 +355,9 @@ class PackedFiles:
             mesh_id, variation = self.blocks[index]
             entry, block, views = self.plan.meshes[mesh_id], self.block(index), places[rows, 1]
             points, mask = (block.whole, _everything(block)) if config.complete else (block.points, block.mask)
-            found = gather_clouds(points, mask, block.views, config, entry.key, variation, which=views)
+            found = gather_clouds(
+                points, mask, block.views, block.longest_side, config, entry.key, variation, which=views
+            )
             found["mesh_id"], found["label"] = mesh_id, self.plan.classes.index(entry.label)
             records[rows] = found
         return records
@@ -372,7 +374,7 @@ class PackedFiles:
         if config.frame == "camera":
             view = int(partial["view_id"])
             views = self.block(self.blocks.index((mesh_id, int(partial["variation"])))).views
-        (record,) = gather_clouds(block.whole, everything, views, config, key, 0, which=[view])
+        (record,) = gather_clouds(block.whole, everything, views, block.longest_side, config, key, 0, which=[view])
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
@@ -380,6 +382,7 @@ class PackedFiles:
         mesh_id, variation = self.blocks[index]
         facts, path, config = self._facts[mesh_id], self._path_of[mesh_id], self.plan.config
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
+        longest_side = facts["longest_side"]
         with reading(path):
             archive = self._archive(path)
             steps, faces = archive.read(f"{name}.steps"), archive.read(f"{name}.faces")
@@ -401,16 +404,16 @@ class PackedFiles:
             colors = unpack_integers(more["colors"], "|u1", (n_points, 3), "colours")
         face_ids = unpack_integers(faces, "<i4", (n_points,), "face ids")
         if config.scan is not None:
-            size = {"size": np.array([facts["longest_side"]])}
-            whole = ScanPoints(positions, face_ids, normals, colors, facts=size)
+            whole = ScanPoints(positions, face_ids, normals, colors, facts={"size": np.array([longest_side])})
             if places is not None:
-                return StoredSampling(whole, np.ones((len(places), len(whole)), dtype=bool), places, whole)
+                mask = np.ones((len(places), len(whole)), dtype=bool)
+                return StoredSampling(whole, mask, places, longest_side, whole)
             assert scans is not None
-            return StoredSampling(*scans, whole)
+            return StoredSampling(*scans, longest_side, whole)
         points = SurfacePoints(positions, face_ids, normals, colors)
         mask = unpack_mask(held, len(self.plan.views), n_points)
         views = self.plan.views_of(self.plan.meshes[mesh_id].key)
-        return StoredSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
+        return StoredSampling(points, mask, views.around(facts["centre"], longest_side), longest_side, points)
 
     def _forget(self) -> None:
         self._process = os.getpid()
@@ -520,7 +523,7 @@ class PackedDataset(Sequence[PackedCloud]):
 
     def _cloud(self, number: int) -> PackedCloud:
         index, view = self.archives.place(number)
-        (mesh_id, variation), (points, mask, views, whole) = self.archives.blocks[index], self.archives.block(index)
+        (mesh_id, variation), (points, mask, views, _, whole) = self.archives.blocks[index], self.archives.block(index)
         entry, seen, one = self.archives.plan.meshes[mesh_id], mask[view], views.select([view])
         return PackedCloud(
             points.positions[seen],

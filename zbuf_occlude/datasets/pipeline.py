@@ -55,6 +55,7 @@ class Sampling(NamedTuple):
     points: SurfacePoints  # n points; for scans those of all views, one after the other
     mask: BoolArray  # (k, n): points that each view sees
     views: Views  # k, world units
+    longest_side: float  # of the object, world units
     counts: QualityCounts  # of its clouds, and of answers checked by the oracle
     renderer: str  # "none" without OpenGL
     blank: Mapping[int, str] = MappingProxyType({})  # reasons by view without a cloud
@@ -99,7 +100,8 @@ def _occlude(mesh: Mesh, config: DatasetConfig, views: Views, key: str, gl: Any,
                 if n_distinct[view] < 2:
                     blank[view] = "it sees none of the points" if n_visible[view] == 0 else IN_ONE_PLACE
                     mask[view], n_visible[view] = False, 0
-            yield Sampling(points, mask, views, counts + count_clouds(n_visible, n_distinct, config), renderer, blank)
+            counts += count_clouds(n_visible, n_distinct, config)
+            yield Sampling(points, mask, views, mesh.longest_side, counts, renderer, blank)
 
 
 def count_clouds(n_visible: NDArray[np.intp], n_distinct: NDArray[np.intp], config: DatasetConfig) -> QualityCounts:
@@ -203,7 +205,7 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
         places = _places(mesh, size, floor, scan, plan, key, seeds)
         raised = QualityCounts(n_raised=n_raised(plan.views_of(key), places, scan))
         if config.complete:
-            yield _complete(standing_points(mesh, label, config, scan, key, variation), places, raised, config)
+            yield _complete(standing_points(mesh, label, config, scan, key, variation), places, size, raised, config)
             continue
         rng = np.random.default_rng(seed_of(config.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
@@ -227,14 +229,14 @@ def _scan(mesh: Mesh, label: str, scan: ScanConfig, plan: Plan, key: str) -> Ite
         counts += count_clouds(lengths, n_distinct, config)
         counts += QualityCounts(n_inside=int(standing.in_box(places.eyes).sum()))
         points = _joined(found, mesh, standing, config)
-        yield Sampling(points, mask_of_scans(lengths), places, counts, renderer, blank)
+        yield Sampling(points, mask_of_scans(lengths), places, size, counts, renderer, blank)
 
 
-def _complete(points: ScanPoints, places: Views, counts: QualityCounts, config: DatasetConfig) -> Sampling:
+def _complete(points: ScanPoints, places: Views, size: float, counts: QualityCounts, config: DatasetConfig) -> Sampling:
     """Return the sampling of a whole object, of which each place has all points; its clouds are added to `counts`."""
     mask = np.ones((len(places), len(points)), dtype=bool)
     n_visible = mask.sum(axis=1)
-    return Sampling(points, mask, places, counts + count_clouds(n_visible, n_visible, config), "none")
+    return Sampling(points, mask, places, size, counts + count_clouds(n_visible, n_visible, config), "none")
 
 
 def _joined(found: list[tuple[Scan, dict[str, Any]]], mesh: Mesh, standing: Mesh, config: DatasetConfig) -> ScanPoints:

@@ -118,10 +118,9 @@ class DatasetConfig:
     subset : str
         Choice of the visible points that are written: "random", or "fps", farthest-point sampling.
     scale : str
-        "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
-        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "metres": each
-        cloud is centred and keeps its size, in the unit of the mesh, which of scans is metres; "mesh": the object's own
-        coordinates.
+        "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of an object are
+        moved and scaled alike, so that its box is centred and its longest side 1; "metres": each cloud is centred and
+        keeps its size, in the unit of the mesh, which of scans is metres; "mesh": the object's own coordinates.
     frame : str
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": the camera's frame, its axes by `axes`.

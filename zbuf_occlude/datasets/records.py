@@ -138,6 +138,7 @@ def gather_clouds(
     points: SurfacePoints,
     mask: BoolArray,
     views: Views,
+    longest_side: float,
     config: DatasetConfig,
     key: str,
     variation: int,
@@ -154,6 +155,8 @@ def gather_clouds(
         Visible points of each view.
     views : Views
         k views in world units.
+    longest_side : float
+        The object's, world units.
     config : DatasetConfig
     key : str
         The mesh's; decides the random subsets together with the seed, `variation` and the view.
@@ -170,7 +173,9 @@ def gather_clouds(
     records = np.zeros(len(seeing), dtype=record_type(config))
     poses, in_camera_frame, upright = config.poses_of(views), config.frame == "camera", np.eye(4)
     in_scans = isinstance(points, ScanPoints) and not config.complete
-    whole, factor = _whole(points) if config.scale == "object" else (np.zeros(3), 1.0)
+    whole, factor = np.zeros(3), 1.0
+    if config.scale == "object":
+        whole, factor = object_transform(points, views, longest_side)
     centred, factor = config.scale in ("cloud", "metres"), np.nan if config.scale == "cloud" else factor
     size = ALL if config.sample_size is None else config.sample_size
     seed = seed_of(config.seed, key, variation, 0).generate_state(1, np.uint64)[0]
@@ -199,11 +204,9 @@ def gather_clouds(
     return records
 
 
-def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
-    """Return the centre of the whole object, and the factor that makes its longest side 1."""
-    if isinstance(points, ScanPoints):  # other things' points may be among them, and much of the object is not
-        return np.zeros(3), 1.0 / float(points.facts["size"][0])
-    return unit_box_transform(points.positions)
+def object_transform(points: SurfacePoints, views: Views, longest_side: float) -> tuple[FloatArray, float]:
+    """Return the centre of the object's box, which scans have at the origin, and the factor of a longest side of 1."""
+    return np.zeros(3) if isinstance(points, ScanPoints) else np.asarray(views.target), 1.0 / longest_side
 
 
 def _fill_attributes(
@@ -338,7 +341,7 @@ def draw_visible(mask: BoolArray, size: int, seed: np.uint64, view: int) -> tupl
 def _compile() -> None:
     """Compile what draws and places the points of a cloud, by a cloud of one point."""
     point, seen = SurfacePoints.free(np.zeros((1, 3))), np.ones((1, 1), dtype=bool)
-    gather_clouds(point, seen, from_angles(0.0, 0.0), DatasetConfig(), "", 0)
+    gather_clouds(point, seen, from_angles(0.0, 0.0), 1.0, DatasetConfig(), "", 0)
 
 
 @njit(cache=True, nogil=True)

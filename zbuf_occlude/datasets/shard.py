@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.base import atomic
+from zbuf_occlude.base.arrays import float32_fault
 from zbuf_occlude.base.atomic import FileDigest
 from zbuf_occlude.base.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.base.provenance import MeshSource
@@ -103,7 +104,7 @@ class RecordShard:
 
     def keep(self, sampling: Sampling, key: str, variation: int) -> Records:
         """Draw the clouds of one sampling of a mesh."""
-        return gather_clouds(sampling.points, sampling.mask, sampling.views, self._plan.config, key, variation)
+        return gather_clouds(*sampling[:4], self._plan.config, key, variation)
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[Records]) -> None:
         """Take all clouds of a mesh."""
@@ -154,13 +155,20 @@ def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Any) -> MadeMesh:
 
     The store is left as it was where MeshError or ArgumentError says that the mesh cannot be used.
     """
-    entry = plan.meshes[mesh_id]
+    entry, config = plan.meshes[mesh_id], plan.config
     mesh = entry.load()
-    counts, renderer, kept, blank = count_mesh(mesh, plan.config), "none", list[Any](), list[tuple[int, int, str]]()
-    for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
-        counts, renderer = counts + sampling.counts, sampling.renderer
-        kept.append(store.keep(sampling, entry.key, variation))
-        blank += [(variation, view, why) for view, why in sampling.blank.items()]
+    reason = float32_fault(mesh.bounds)
+    if reason and config.scale == "mesh" and config.frame != "camera" and config.scan is None:
+        raise MeshError(f"a mesh in its own coordinates must suit float32; its {reason}. Give --scale object.")
+    counts, renderer, kept, blank = count_mesh(mesh, config), "none", list[Any](), list[tuple[int, int, str]]()
+    try:
+        for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
+            counts, renderer = counts + sampling.counts, sampling.renderer
+            kept.append(store.keep(sampling, entry.key, variation))
+            blank += [(variation, view, why) for view, why in sampling.blank.items()]
+    except MemoryError as error:
+        detail = f" ({error})" if str(error) else ""
+        raise MeshError(f"out of memory{detail}. Reduce points, density, views or variations.") from None
     store.add(mesh_id, mesh, kept)
     return MadeMesh(counts, renderer, mesh.origin, Blank(len(blank), *min(blank)) if blank else None)
 

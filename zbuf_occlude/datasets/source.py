@@ -25,12 +25,14 @@ class StoredSampling(NamedTuple):
     """One stored sampling of a mesh, or its scans and a sampling.
 
     `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
-    rounded. Views are in world units, of scans in metres. Normals of `whole` that are not kept are zero.
+    rounded. Views and the object's `longest_side` are in world units, of scans in metres. Normals of `whole` that are
+    not kept are zero.
     """
 
     points: SurfacePoints
     mask: BoolArray
     views: Views
+    longest_side: float
     whole: SurfacePoints
 
 

@@ -1,13 +1,14 @@
 """Cloud: base of the public point clouds, with conversion to arrays, files and other libraries' clouds."""
 
 import os
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.base import atomic, point_files
-from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.arrays import FloatArray, float32_fault
 from zbuf_occlude.base.documents import as_new_path
 from zbuf_occlude.base.errors import OptionError
 from zbuf_occlude.base.extras import importing
@@ -54,6 +55,11 @@ class Cloud:
             Another suffix.
         OSError
             The file cannot be written.
+
+        Warns
+        -----
+        UserWarning
+            ``.pcd``: the cloud is too far from the origin for float32.
         """
         self._write(path, self.table())
 
@@ -66,6 +72,8 @@ class Cloud:
         if suffix == ".npz":
             atomic.write(path, lambda file: np.savez_compressed(file, **self.arrays()))
         elif suffix == ".pcd":
+            if reason := float32_fault(self.points):
+                warnings.warn(f"{path.name} has float32; its {reason}. .ply, .npy and .csv have float64.", stacklevel=3)
             point_files.write_pcd_columns(path, self.points, self.normals, self.colors)
         elif suffix == ".ply":
             point_files.write_table(path, table)

@@ -15,6 +15,8 @@ from zbuf_occlude.visibility.interface import MAX_DIAGONALS, as_eyes
 
 MAX_VOXELS = 2**27
 """Maximum voxels of a grid for all eyes together: with the centres 3.7 GB."""
+SHORTEST_SIDE, LONGEST_SIDE = 1e-30, 1e30
+"""Bounds of a grid's side, within which distances of float32 neither underflow nor overflow."""
 MARGIN = 0.05
 """Margin of a grid around the mesh on each side, in longest sides."""
 HIDDEN, FREE, SURFACE = 0, 1, 2
@@ -68,7 +70,7 @@ class VisibilityGrid:
         or -`truncation` if there is none.
         """
         want = "a length above 0, in the mesh's unit"
-        truncation = as_number(truncation, "truncation", want, lambda length: 0.0 < length < MAX_DIAGONALS)
+        truncation = as_number(truncation, "truncation", want, lambda length: 0.0 < length / self.step < MAX_DIAGONALS)
         known = self.distances > -truncation
         total = np.where(known, np.minimum(self.distances, truncation), 0.0).sum(axis=0)
         return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), -truncation).astype(np.float32)
@@ -114,6 +116,11 @@ def visibility_grid(
     side = mesh.longest_side * (1.0 + 2.0 * MARGIN)
     if side == 0.0:
         raise ArgumentError(f"All vertices of {mesh.name} coincide, so there is no grid around it.")
+    if not SHORTEST_SIDE < side < LONGEST_SIDE:
+        raise ArgumentError(
+            f"the grid's side must be between {SHORTEST_SIDE:g} and {LONGEST_SIDE:g}, as its distances are float32; "
+            f"it is {side:g}. Scale the mesh."
+        )
     grid = VisibilityGrid(mesh.centre - side / 2.0, side / n, np.empty((len(eyes), n, n, n), np.float32))
     centres = grid.centres.reshape(-1, 3)
     with prepare(mesh, method, **options) as query:

@@ -14,7 +14,7 @@ from zbuf_occlude.datasets.export import Exported, check_one_frame
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.formats.hdf5 import new_h5
 from zbuf_occlude.datasets.plan import DatasetConfig, Plan
-from zbuf_occlude.datasets.records import draw_visible, unit_box_transform
+from zbuf_occlude.datasets.records import draw_visible, object_transform
 from zbuf_occlude.datasets.source import CloudReader, StoredSampling
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.sensors.capture import in_metres
@@ -204,7 +204,9 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
 def _placed(plan: Plan, block: StoredSampling) -> FloatArray:
     """Return the points of an object in the layout's frame."""
     whole = block.points if plan.config.scan is None else block.whole
-    centre, factor = unit_box_transform(whole.positions) if plan.config.scale == "object" else (np.zeros(3), 1.0)
+    centre, factor = np.zeros(3), 1.0
+    if plan.config.scale == "object":
+        centre, factor = object_transform(whole, block.views, block.longest_side)
     axes = find_format(plan.format).to_frame(plan.config).astype(np.float64)
     return np.asarray((block.points.positions - centre) * factor @ axes.T)
 

@@ -58,7 +58,7 @@ def export(source: CloudReader, out: Path) -> Exported:
             folders.append(folder)
             (out / folder).mkdir(parents=True)
             loaded = entry.load()
-            mesh = Mesh((loaded.vertices - loaded.centre) @ axes.T, loaded.faces, loaded.name)
+            mesh = Mesh((loaded.vertices - loaded.centre) / loaded.longest_side @ axes.T, loaded.faces, loaded.name)
             eyes = plan.views_of(entry.key).around(np.zeros(3), mesh.longest_side).eyes @ axes.T
             grid = visibility_grid(mesh, eyes, N)
             side = N * grid.step
@@ -67,6 +67,7 @@ def export(source: CloudReader, out: Path) -> Exported:
                 of_view = VisibilityGrid(grid.low, grid.step, grid.distances[view : view + 1])
                 record = records[view]
                 points = record["data"] / record["factor"] + (record["centre"] - loaded.centre) @ axes.T
+                points /= loaded.longest_side
                 _write(
                     out / folder / f"input_{view}.npz",
                     of_view.tsdf(TRUNCATION * grid.step) / side,
@@ -80,7 +81,7 @@ def export(source: CloudReader, out: Path) -> Exported:
 
 
 def complete_distances(mesh: Mesh, grid: VisibilityGrid) -> NDArray[np.float32]:
-    """Return the distance of each voxel's centre to the mesh, world units, cut off; negative where no eye sees it."""
+    """Return the distance of each voxel's centre to the mesh, in its unit, cut off; negative where no eye sees it."""
     with importing("open3d", "--format voxels"):
         import open3d
     scene: Any = open3d.t.geometry.RaycastingScene()  # takes arrays too, its types do not say so
