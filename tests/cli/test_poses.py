@@ -106,6 +106,19 @@ def test_depth_of_a_camera(gl: GlContext, run: Run, plates: Path, camera: Path, 
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (25, 74, 25, 74)
 
 
+def test_depth_of_a_wide_camera_has_its_picture_alone(
+    gl: GlContext, run: Run, plates: Path, camera: Path, tmp_path: Path
+) -> None:
+    document = json.loads(camera.read_text())
+    (wide,) = document
+    wide["height"] = 20
+    wide["K"][1][2] = 10.0
+    (tmp_path / "wide.json").write_text(json.dumps([wide]))
+    run(f"depth {plates} --cameras wide.json --resolution 100 --out d.npy")
+    rows, columns = np.nonzero(np.isfinite(np.load(tmp_path / "d.npy")))
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (40, 59, 25, 74)
+
+
 def test_a_sensor_is_turned_as_the_camera_is(plates: Path) -> None:
     mesh = zo.load_mesh(plates)
 

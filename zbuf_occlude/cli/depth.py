@@ -9,7 +9,7 @@ import numpy as np
 
 from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.base import atomic
-from zbuf_occlude.base.arrays import FloatArray
+from zbuf_occlude.base.arrays import BoolArray, FloatArray
 from zbuf_occlude.base.errors import MeshError
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.cli.file_frames import print_frame
@@ -39,7 +39,8 @@ def depth_command(
 
     .npy and .exr (channel Z) hold eye depth: the distance along the camera's axis in the unit of MESH, infinite in the
     background; the first row is the top. .png is for viewing: 16 bits, nearest white, farthest dark grey, background
-    black.
+    black. The image is square. A camera of --cameras has its picture in the middle, and background above and below or
+    beside it.
 
     \b
     Example:
@@ -53,8 +54,11 @@ def depth_command(
     with Limits().watch():
         loaded = load_mesh(mesh, up=up, unit=unit)
     with GlContext.open() as gl:
-        depths = render_depth(gl, loaded, camera(loaded), size)
+        views = camera(loaded)
+        depths = render_depth(gl, loaded, views, size)
         renderer = gl.renderer
+    if views.fov_bounds is not None:
+        depths[~in_picture(views.fov_bounds[0], size)] = np.inf
     seen = np.isfinite(depths)
     if not seen.any():
         raise MeshError(
@@ -67,6 +71,18 @@ def depth_command(
     span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}"
     echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
     print_frame(mesh, loaded, up, unit)
+
+
+def in_picture(bounds: FloatArray, size: int) -> BoolArray:
+    """Return which pixels (size, size) have their centre in a field of view: tangents left, right, bottom, top.
+
+    The image is that field of view, its shorter side widened to a square.
+    """
+    left, right, bottom, top = bounds
+    half_sides = np.array([right - left, top - bottom]) / 2.0
+    offsets = np.abs((np.arange(size) + 0.5) * 2.0 / size - 1.0) * half_sides.max()
+    across, along = offsets <= half_sides[0], offsets <= half_sides[1]
+    return np.asarray(along[:, None] & across)
 
 
 def write_png(path: Path, depths: FloatArray) -> None:

@@ -180,7 +180,8 @@ def gather_clouds(
     size = ALL if config.sample_size is None else config.sample_size
     seed = seed_of(config.seed, key, variation, 0).generate_state(1, np.uint64)[0]
     records["variation"], records["view_id"], records["pose"] = variation, seeing, poses[seeing]
-    records["view"] = np.stack([views.azimuth, views.elevation, views.distance], axis=1)[seeing]
+    with np.errstate(over="ignore"):  # beyond float32 a distance is infinite
+        records["view"] = np.stack([views.azimuth, views.elevation, views.distance], axis=1)[seeing]
     data, face_ids = records["data"], records["face_ids"]
     centres, factors, n_visible = np.empty((len(records), 3)), np.empty(len(records)), np.empty(len(records), int)
     for row, view in enumerate(seeing.tolist()):
