@@ -165,7 +165,9 @@ def test_pairs_are_a_part_and_the_whole_in_one_frame(folders: dict[str, Path], n
     assert partial.shape == (N_TRAIN, 30, 3)
     assert complete.shape == (N_TRAIN, 120, 3)
     assert Counter(labels.tolist()) == {0: N_TRAIN / 2, 1: N_TRAIN / 2}
-    assert np.ptp(complete.numpy(), axis=1).max(axis=1) == pytest.approx(1.0, abs=1e-5)
+    longest = np.ptp(complete.numpy(), axis=1).max(axis=1)  # 1 of the mesh, and of 120 of its points hardly less
+    assert (longest > 0.9).all()
+    assert (longest <= 1.0 + 1e-6).all()
     to_partial = torch.cdist(complete, partial).amin(dim=2)  # of the whole's points
     to_complete = torch.cdist(partial, complete).amin(dim=2)
     ids = pairs.source.ids()[pairs.numbers]
