@@ -319,6 +319,14 @@ def test_objects_of_a_class_have_names_of_their_own() -> None:
     assert names.objects == ["model", "model_2"]
 
 
+def test_classes_of_similar_names_lie_in_folders_of_their_own(tmp_path: Path) -> None:
+    meshes = MeshCollection(MeshEntry(f"{label}/x.off", label, "train", slab) for label in ("a b", "a_b", "a-b"))
+    config = DatasetConfig(method="exact", n_points=300, views="ring:1@10", sample_size=16)
+    generate(Plan(meshes, config, "ply"), tmp_path)
+    folders = [path.relative_to(tmp_path / "ply/train").parent.name for path in tmp_path.glob("ply/train/**/*.ply")]
+    assert sorted(folders) == ["a_b", "a_b_2", "a_b_3"]
+
+
 def test_clouds_tell_which_rows_are_which(made: Made) -> None:
     """By `clouds_SPLIT.npy`: a cloud's mesh and view, and its place in the world."""
     for format, split, name, rows in (

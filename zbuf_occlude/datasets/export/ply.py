@@ -7,17 +7,16 @@ blue where there are normals and colours. A comment in the header holds all othe
 """
 
 import json
-import re
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.base import atomic
 from zbuf_occlude.base.point_files import RGB, write_table
-from zbuf_occlude.datasets.export import LONGEST, Exported
+from zbuf_occlude.datasets.export import Exported, names_of
 from zbuf_occlude.datasets.folder import list_of
-from zbuf_occlude.datasets.plan import DatasetConfig, Plan
+from zbuf_occlude.datasets.plan import DatasetConfig
 from zbuf_occlude.datasets.records import further_fields
 from zbuf_occlude.datasets.source import CloudReader
 
@@ -27,25 +26,19 @@ PROPERTIES = {"data": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": RG
 
 def export(source: CloudReader, out: Path) -> Exported:
     """Write a PLY per cloud, and for each split the list of its files."""
-    files = dict[str, list[str]]()
+    names, files = names_of(source.plan), dict[str, list[str]]()
     for split in source.order:
         files[split] = []
         for records in source.batches(split):
             for record in records:
-                name = _name(source.plan, record)
+                mesh_id, variation, view = (int(record[each]) for each in ("mesh_id", "variation", "view_id"))
+                path = f"ply/{split}/{{label}}/{mesh_id:05d}-{{name}}-{variation}-{view:03d}.ply"
+                name = names.object_file(path, mesh_id)
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
                 _write_cloud(out / name, record, source.plan.config)
                 files[split].append(name)
         atomic.write_lines(out / list_of(split), files[split])
     return Exported(files, source.n_clouds)
-
-
-def _name(plan: Plan, record: Any) -> str:
-    mesh_id, variation, view = (int(record[name]) for name in ("mesh_id", "variation", "view_id"))
-    entry = plan.meshes[mesh_id]
-    stem = re.sub(r"[^\w.+-]", "_", PurePosixPath(entry.key).stem)[:LONGEST]
-    label = re.sub(r"[^\w+-]", "_", entry.label)[:LONGEST]
-    return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
 
 
 def _write_cloud(path: Path, record: Any, config: DatasetConfig) -> None:
