@@ -126,6 +126,8 @@ def test_objects_that_a_layout_leaves_out_are_named(run: Run, tmp_path: Path, fo
     assert f"1 mesh left out:\n  b/plate.off: {reason}" in outcome.out
     assert "of 1 mesh, " in outcome.out
     assert manifest(tmp_path / "out")["blank_views"]["b/plate.off"]["n_views"] == 2
+    counts = manifest(tmp_path / "out")["counts"]
+    assert (counts["meshes"], counts["clouds"], counts["clouds_by_split"]) == (1, n_views, {"train": n_views})
 
 
 def test_an_object_without_any_cloud_is_named_in_every_format(run: Run, tmp_path: Path) -> None:
@@ -137,6 +139,7 @@ def test_an_object_without_any_cloud_is_named_in_every_format(run: Run, tmp_path
     outcome = run(f"generate meshes {flat} --size a=1,b=3.9 --set-sensor range_max=1.9 --sample-size 8 --out out")
     left_out = manifest(tmp_path / "out")["left_out"]
     assert list(left_out) == ["b/plate.off"]
+    assert manifest(tmp_path / "out")["counts"]["meshes"] == 1
     assert left_out["b/plate.off"].startswith("view 0: all of it that rays meet is too far for pinhole")
     assert "1 mesh left out:\n  b/plate.off: view 0" in outcome.out
     run("convert out --format npz --out npz")

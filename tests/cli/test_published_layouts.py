@@ -1,5 +1,6 @@
 """Layouts with published lists of classes, from the command line to their files: labels, masks, frames, names."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -87,6 +88,9 @@ def test_a_converted_dataset_counts_and_leaves_out_alike(run: Run, meshes: Path,
     labels = read_scanobjectnn(tmp_path / "theirs", "training")["label"]
     assert {label: int((labels == label).sum()) for label in np.unique(labels)} == {4: 6, 9: 6}
     run(f"verify theirs {meshes}")
+    counts = json.loads((tmp_path / "theirs" / "manifest.json").read_text())["counts"]
+    assert (counts["clouds"], counts["clouds_by_split"]) == (18, {"train": 12, "test": 6})
+    assert counts["meshes"] == 6
 
 
 @pytest.mark.parametrize("keep", ["box", "all"])

@@ -92,3 +92,5 @@ def test_clouds_that_the_layout_has_no_place_for_are_told_apart(run: Run, tmp_pa
     n_partial = len(list(tmp_path.glob("out/*/partial/*/*/*.pcd")))
     assert n_partial < 16
     assert outcome.out.startswith(f"{n_partial} clouds (16 made; pcn has no place for the others) of 2 meshes, ")
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]["clouds"] == n_partial
+    assert f"clouds      {n_partial}\n" in run("status out").out

@@ -305,6 +305,15 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
             assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
 
 
+def test_the_manifest_counts_the_clouds_that_a_conversion_keeps(tmp_path: Path) -> None:
+    """Of three views of an object shapenet55 has one complete cloud."""
+    wanted = plan("packed", views="ring:3@10")
+    generate(wanted, tmp_path / "packed")
+    counts = convert(tmp_path / "packed", tmp_path / "converted", "shapenet55")["counts"]
+    n_files = len(list(tmp_path.glob("converted/shapenet_pc/*.npy")))
+    assert (counts["clouds"], sum(counts["clouds_by_split"].values()), counts["meshes"]) == (n_files, n_files, 4)
+
+
 @pytest.mark.parametrize("format", ["voxels", *OF_A_CAMERA])
 def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=f"generate --format {format}"):

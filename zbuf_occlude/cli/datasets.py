@@ -229,9 +229,10 @@ def convert_command(context: click.Context, /, folder: Path, format: str, out: P
     total = sum(source.n_clouds.values())
     with progress_bar(total, "clouds", "convert") as bar:
         document = convert(folder, out, format, progress=bar.update)
-    clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
-    n_clouds = sum(document["counts"]["clouds_by_split"].values())
-    echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")
+    counts = document["counts"]
+    clouds = ", ".join(f"{split}: {n}" for split, n in counts["clouds_by_split"].items())
+    before = document["converted_from"]["format"]
+    echo(f"{counts['clouds']} clouds ({clouds}) from {folder} ({before}) to {out} ({format})")
 
 
 @click.command(cls=Command)

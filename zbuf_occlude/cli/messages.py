@@ -45,12 +45,18 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
     return "\n".join(lines)
 
 
+def n_made(document: dict[str, Any]) -> int:
+    """Return the number of clouds that were made for a dataset, also of those that its layout has no place for."""
+    counts, blank = document["counts"], document["blank_views"].values()
+    return len(document["origins"]) * counts["views"] * counts["variations"] - sum(each["n_views"] for each in blank)
+
+
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     """Yield warnings: lacking colours and windows, scans left out, few distinct points, cameras inside objects."""
-    counts = document["counts"]
+    counts, n_meshes = document["counts"], len(document["origins"])
     if n := counts["meshes_without_colors"]:
         yield (
-            f"warning: of {n} of {counted(counts['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
+            f"warning: of {n} of {counted(n_meshes, 'mesh', 'meshes')} colours are lacking: where they "
             f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
         )
     if n := counts["meshes_with_far_faces"]:
@@ -59,7 +65,7 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
             "tolerance is too large, and what hides is missed. Their lines in the log say which; --set contact=X helps."
         )
     n = counts["meshes_without_windows"]
-    if n and n >= counts["meshes"] - counts["meshes_failed"]:
+    if n and n == n_meshes:
         names = ", ".join(document["options"]["scan"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
     if n := counts["views_that_see_nothing"]:
@@ -67,11 +73,11 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     if n := counts["scans_of_too_few_points"]:
         least = document["options"]["scan"]["least_points"]
         yield (
-            f"{counted(n, 'scan')} of {counts['clouds'] + n} left out: fewer than {least} distinct points "
+            f"{counted(n, 'scan')} of {n_made(document) + n} left out: fewer than {least} distinct points "
             "(--least-points 0 keeps them)"
         )
     if n := counts[f"clouds_of_fewer_than_{FEW}_distinct_points"]:
-        total = counts["clouds"]
+        total = n_made(document)
         yield f"warning: {n} of {counted(total, 'cloud')} show fewer than {FEW} distinct points of their object"
     yield from cut_off(document["cut_by_range"], document["options"]["scan"])
     if n := counts["cameras_raised_above_the_ground"]:
@@ -119,16 +125,14 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     names = sorted({name for split in SPLITS for name in files.get(split, [])})
     others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    without = document["left_out"]
-    n_used = counts["meshes"] - counts["meshes_failed"] - len(without)
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
     why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
-    n_kept = sum(counts["clouds_by_split"].values())
-    left_out = f" ({counts['clouds']} made; {document['format']} has no place for the others)"
+    made = n_made(document)
+    left_out = f" ({made} made; {document['format']} has no place for the others)"
     lines = [
-        f"{counted(n_kept, 'cloud')}{left_out if n_kept < counts['clouds'] else ''} of "
-        f"{counted(n_used, 'mesh', 'meshes')}, "
+        f"{counted(counts['clouds'], 'cloud')}{left_out if counts['clouds'] < made else ''} of "
+        f"{counted(counts['meshes'], 'mesh', 'meshes')}, "
         f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on_renderer(document['renderer'])}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document["renderer_remark"] else []),
@@ -139,7 +143,7 @@ def what_was_made(document: dict[str, Any], out: Path, read_as: str = "") -> str
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",
     ]
-    lines += named("left out", without) + named("failed", document["failures"])
+    lines += named("left out", document["left_out"]) + named("failed", document["failures"])
     return "\n".join(lines)
 
 

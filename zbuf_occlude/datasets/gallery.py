@@ -234,9 +234,8 @@ def write_gallery(path: Path, source: CloudReader, manifest: dict[str, Any], fol
         clouds = [_packed(record, source, COLOURS[int(label) % len(COLOURS)]) for record in chosen]
         rows.append({"name": classes[label], "clouds": clouds})
     counts, error = manifest["counts"], manifest["error"]
-    n_meshes = counts["meshes"] - counts["meshes_failed"]
     facts = [
-        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(source.plan.meshes.classes)} classes",
+        f"{counts['clouds']:,} clouds of {counts['meshes']:,} meshes in {len(source.plan.meshes.classes)} classes",
         f"{counts['views']} views x {counts['variations']} variations",
         f"method {manifest['options']['method']}, renderer {manifest['renderer']}",
         f"seed {manifest['seed']}",

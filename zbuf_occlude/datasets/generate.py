@@ -241,11 +241,13 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
     ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
     oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
     in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` has the source of each mesh.
-    ``blank_views`` has the meshes with views that give no cloud, ``left_out`` the meshes without any cloud.
-    ``scans_of_too_few_points`` counts scans left out for `ScanConfig.least_points`. ``cut_by_range`` has the shares of
-    the objects' returns beyond the sensor's limits.
+    ``clouds`` counts those in the files, ``meshes`` the meshes that have any; other counts are of all that was made,
+    also of what a layout leaves out. ``blank_views`` has the meshes with views that give no cloud, ``left_out`` the
+    meshes without any cloud. ``scans_of_too_few_points`` counts scans left out for `ScanConfig.least_points`.
+    ``cut_by_range`` has the shares of the objects' returns beyond the sensor's limits.
     """
     counts = whole.counts
+    left_out = {key: blank.said for key, blank in whole.blank.items() if blank.n_views == plan.clouds_per_mesh}
     return {
         "fingerprint": plan.fingerprint,
         "seed": plan.config.seed,
@@ -257,7 +259,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
         "classes": plan.classes,
         **frame_in_words(plan),
         "counts": {
-            "meshes": len(plan.meshes),
+            "meshes": len(plan.meshes) - len(whole.failures) - len(left_out),
             "meshes_failed": len(whole.failures),
             "views": len(plan.views),
             "variations": plan.config.variations,
@@ -276,7 +278,7 @@ def build_manifest(plan: Plan, whole: ShardReport, seconds: float) -> dict[str, 
         },
         "failures": dict(whole.failures),
         "blank_views": {key: blank._asdict() for key, blank in whole.blank.items()},
-        "left_out": {key: blank.said for key, blank in whole.blank.items() if blank.n_views == plan.clouds_per_mesh},
+        "left_out": left_out,
         "cut_by_range": counts.cut,
         "origins": {key: source.to_dict() for key, source in whole.sources.items()},
         # maximum error of positions along each axis, in longest sides; that of float32 is far smaller

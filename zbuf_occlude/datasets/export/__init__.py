@@ -105,17 +105,25 @@ def export(plan: Plan, source: CloudReader, out: Path, about: dict[str, Any]) ->
     shutil.rmtree(folder)
     files = {split: of_split for split, of_split in exported.files.items() if exported.n_clouds[split]}
     by_split = {split: exported.n_clouds[split] for split in files}
-    counts, blank = {**about["counts"], **exported.counts, "clouds_by_split": by_split}, about["blank_views"]
+    blank = about["blank_views"]
     left_out = {plan.meshes[mesh_id].key: why for mesh_id, why in exported.left_out.items()}
     left_out |= {key: Blank(**blank[key]).said for key, why in left_out.items() if why == UNSEEN and key in blank}
     unknown = [entry.key for entry in plan.meshes if entry.label not in plan.classes]
     left_out |= dict.fromkeys(unknown, f"{plan.format} has no label for its class")
+    left_out = {**about["left_out"], **left_out}
+    counts = {
+        **about["counts"],
+        **exported.counts,
+        "meshes": len(plan.meshes) - len({**about["failures"], **left_out}),
+        "clouds": sum(by_split.values()),
+        "clouds_by_split": by_split,
+    }
     about = {
         **about,
         "classes": plan.classes,
         **frame_in_words(plan),
         "counts": counts,
-        "left_out": {**about["left_out"], **left_out},
+        "left_out": left_out,
     }
     return finish_folder(plan, source, out, about, files, sha256)
 
