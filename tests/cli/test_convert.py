@@ -63,6 +63,20 @@ def test_convert(run: Run, modelnet: Path, tmp_path: Path) -> None:
     run("convert meshes --format npz --out x", code=1)
 
 
+@pytest.mark.parametrize("format", ["modelnet-o", "epn3d", "shapenet55"])
+def test_the_command_of_a_conversion_makes_the_same_again(
+    run: Run, furniture: Path, tmp_path: Path, format: str
+) -> None:
+    """The formats have views, a scale and a number of points of their own."""
+    drawn = "--limit 1 --method exact --points 8192 --sample-size 32 --scale cloud --workers 1"
+    run(f"generate {furniture} --out packed {drawn} --format packed")
+    run(f"convert packed --format {format} --out theirs")
+    run("generate --config theirs/manifest.json --workers 1 --out again")
+    theirs, again = (json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("theirs", "again"))
+    assert again["options"] == theirs["options"]
+    assert again["files"] == theirs["files"]
+
+
 def test_presets_plan_the_papers_numbers(run: Run, tmp_path: Path) -> None:
     plan = run("generate --preset paper-modelnet40 --dry-run --out out").out
     assert "200 meshes x 100 views x 10 variations = 200000 clouds" in plan

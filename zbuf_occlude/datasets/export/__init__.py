@@ -235,7 +235,7 @@ def convert(
     plan = _converted(old, format)
     command = read_command(folder)
     if command:  # else it was made in Python
-        command["format"] = format
+        command |= {"format": format, **_options_in_words(plan)}
     about = {**manifest, "command": command, "converted_from": plan.converted_from}
     redrawn = None
     if find_format(old.format).whole_objects:  # draw and order are those of the new format
@@ -273,6 +273,14 @@ def _convert(
     row.finish(out, plan, names)
     sha256 = checksums(out, (name for of_split in names.values() for name in of_split), known)
     return finish_folder(plan, source, out, about, names, sha256)
+
+
+def _options_in_words(plan: Plan) -> dict[str, str]:
+    """Return the options of `generate` for which a plan's format has other defaults, as they are typed."""
+    config = plan.config
+    size = "all" if config.sample_size is None else str(config.sample_size)
+    found = {"views": config.views, "sample-size": size, "scale": config.scale}
+    return {name: value for name, value in found.items() if name.replace("-", "_") in find_format(plan.format).options}
 
 
 def _converted(old: Plan, format: str) -> Plan:
