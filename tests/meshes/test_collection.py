@@ -235,6 +235,8 @@ def test_labels(tmp_path: Path, name: str) -> None:
         ("{}", "it has none"),
         ("uid,class\nnone,cup\n", "none of its 1 labels matches a mesh; the first label"),
         ("uid,class\ntwice,cup\n", "a label must match one mesh; 'twice' matches x/twice.off, y/twice.off. Write"),
+        ("uid,class\nx/twice,cup\nx/twice.off,pan\n", "must have one label; 'x/twice.off' has 'cup' and 'pan'. Keep"),
+        ("uid,split\nx/twice,val\nx/twice,test\n", "must have one label; 'x/twice.off' has 'val' and 'test'. Keep"),
     ],
 )
 def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) -> None:
@@ -244,6 +246,15 @@ def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) 
         MeshCollection.from_paths(tmp_path / "m", labels=tmp_path / "labels")
     with pytest.raises(OptionError, match="a file must be readable"):
         read_labels(tmp_path / "nowhere.csv")
+
+
+def test_labels_that_agree_are_one(tmp_path: Path) -> None:
+    """A model of ShapeNet is in two synsets, and here in one of them."""
+    plant(tmp_path / "m", "1/a.off", "3/b.off")
+    (tmp_path / "labels.csv").write_text("uid,class\n1/a,cup\n1/a.off,cup\n2/a,pan\n4/b,jar\n")
+    meshes = MeshCollection.from_paths(tmp_path / "m", labels=tmp_path / "labels.csv")
+    assert [entry.label for entry in meshes] == ["cup", "jar"]
+    assert "1 of its labels match no mesh" in meshes.remarks[-1]
 
 
 def test_more_labels_than_any_collection_has_are_refused(tmp_path: Path) -> None:

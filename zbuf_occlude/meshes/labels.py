@@ -4,7 +4,7 @@ import gzip
 import io
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePath, PurePosixPath
@@ -35,6 +35,11 @@ class Label:
     key: str
     label: str | None
     split: str | None = None
+
+    @property
+    def said(self) -> str:
+        """The class and split, in words."""
+        return ", ".join(f"{word!r:.80}" for word in (self.label, self.split) if word is not None) or "none"
 
 
 def read_labels(path: Path) -> list[Label]:
@@ -123,15 +128,15 @@ def _labels_in(document: Any) -> Iterator[Label]:
     )
 
 
-def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tuple[_Item, Label]], int]:
+def match(items: Mapping[str, _Item], labels: Sequence[Label]) -> tuple[list[tuple[_Item, Label]], int]:
     """Return the labelled objects in their order with their labels, and the number of labels without an object.
 
-    The last label of an object counts.
+    A label SYNSET/MODEL of no object is that of MODEL, unless another label names this one.
 
     Raises
     ------
     OptionError
-        A label matches several objects.
+        A label matches several objects, or the labels of one object differ.
     """
     short: defaultdict[str, list[str]] = defaultdict(list)
     for key in items:
@@ -142,16 +147,19 @@ def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tup
     def keys_of(name: str) -> Sequence[str]:
         return [name] if name in items else short.get(name, [])
 
+    named = {key for label in labels for key in keys_of(label.key)}
     chosen: dict[str, Label] = {}
     n_unknown = 0
     for label in labels:
-        keys = keys_of(label.key) or keys_of(PurePosixPath(label.key).name)  # MODEL of SYNSET/MODEL
+        keys = keys_of(label.key) or [key for key in keys_of(PurePosixPath(label.key).name) if key not in named]
         if len(keys) > 1:
             raise OptionError(
                 f"a label must match one mesh; {label.key!r:.80} matches {', '.join(keys[:3])}. Write the whole key."
             )
-        if keys:
-            chosen[keys[0]] = label
+        if keys and chosen.setdefault(keys[0], label).said != label.said:
+            raise OptionError(
+                f"a mesh must have one label; {keys[0]!r:.80} has {chosen[keys[0]].said} and {label.said}. Keep one."
+            )
         n_unknown += not keys
     return [(items[key], chosen[key]) for key in items if key in chosen], n_unknown
 
