@@ -77,6 +77,15 @@ def test_the_command_of_a_conversion_makes_the_same_again(
     assert again["files"] == theirs["files"]
 
 
+@pytest.mark.parametrize("format", ["kitti", "mvp", "completion3d", "projected-shapenet"])
+def test_options_that_a_format_needs_are_those_of_generate(run: Run, furniture: Path, format: str) -> None:
+    run(f"generate {furniture} --out packed {SMALL} --limit 1 --format packed")
+    run("convert packed --out h5 --format hdf5")
+    source = "h5" if format == "kitti" else "packed"
+    said = run(f"convert {source} --out theirs --format {format}", code=2).err
+    assert "Make it so by `zbuf-occlude generate`: convert keeps what was drawn." in said
+
+
 def test_presets_plan_the_papers_numbers(run: Run, tmp_path: Path) -> None:
     plan = run("generate --preset paper-modelnet40 --dry-run --out out").out
     assert "200 meshes x 100 views x 10 variations = 200000 clouds" in plan

@@ -225,6 +225,8 @@ def convert(
     ------
     DatasetError
         There is no complete dataset; `out` holds something else; the dataset lacks data that the format needs.
+    OptionError
+        The dataset was drawn with options that the format cannot hold.
 
     Notes
     -----
@@ -304,7 +306,10 @@ def _converted(old: Plan, format: str) -> Plan:
     plan: Plan = replace(old, format=format, converted_from={"format": old.format, "fingerprint": old.fingerprint})
     if is_packed:
         plan = replace(plan, config=row.redrawn(plan.config))
-    row.check(replace(plan, meshes=row.choose_meshes(plan.meshes)))
+    try:
+        row.check(replace(plan, meshes=row.choose_meshes(plan.meshes)))
+    except OptionError as error:
+        raise OptionError(f"{error} Make it so by `zbuf-occlude generate`: convert keeps what was drawn.") from None
     return plan
 
 
