@@ -88,6 +88,16 @@ def test_points_in_one_place_are_no_cloud(run: Run, tmp_path: Path) -> None:
     run(f"generate plate.off --points 1 {ALONE.replace('--size file', '')} --out one", code=1, says="in one place")
 
 
+def test_the_summary_has_the_reason_of_a_view_without_a_cloud(run: Run, tmp_path: Path) -> None:
+    """Of three points on a cube a camera sees none, one, or enough."""
+    cube = box()
+    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
+    line = "generate cube.off --points 3 --views fibonacci:8 --sample-size 5 --method exact --workers 1 --out out"
+    said = run(line).out
+    n_blank = 8 - len(sorted_records(tmp_path / "out"))
+    assert f"{n_blank} views without a cloud; cube.off, view 3: all points that it sees are in one place\n" in said
+
+
 def test_a_sensor_s_least_range_cuts_an_object(run: Run, tmp_path: Path) -> None:
     """Of a cube of side 1 seen straight on, all that is seen is half a metre before its middle."""
     cube = box()

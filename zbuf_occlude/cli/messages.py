@@ -11,7 +11,7 @@ from typing import Any
 
 from zbuf_occlude.cli.shared_options import nearest
 from zbuf_occlude.cli.shell import counted, on_renderer
-from zbuf_occlude.datasets.counts import CONFIDENCE, FEW
+from zbuf_occlude.datasets.counts import CONFIDENCE, FEW, Blank
 from zbuf_occlude.datasets.folder import CONTACT_SHEET, MANIFEST, contains_plan, removable
 from zbuf_occlude.datasets.formats import Format
 from zbuf_occlude.datasets.plan import Plan
@@ -45,10 +45,15 @@ def format_error_rates(error: dict[str, Any], complete: bool) -> str:
     return "\n".join(lines)
 
 
+def n_blank(document: dict[str, Any]) -> int:
+    """Return the number of views of a dataset that gave no cloud."""
+    return sum(each["n_views"] for each in document["blank_views"].values())
+
+
 def n_made(document: dict[str, Any]) -> int:
     """Return the number of clouds that were made for a dataset, also of those that its layout has no place for."""
-    counts, blank = document["counts"], document["blank_views"].values()
-    return len(document["origins"]) * counts["views"] * counts["variations"] - sum(each["n_views"] for each in blank)
+    counts = document["counts"]
+    return len(document["origins"]) * counts["views"] * counts["variations"] - n_blank(document)
 
 
 def format_warnings(document: dict[str, Any]) -> Iterator[str]:
@@ -68,8 +73,9 @@ def format_warnings(document: dict[str, Any]) -> Iterator[str]:
     if n and n == n_meshes:
         names = ", ".join(document["options"]["scan"]["transparent"])
         yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
-    if n := counts["views_that_see_nothing"]:
-        yield f"{counted(n, 'view')} without a cloud: nothing of the object is visible, or returns"
+    if counts["views_that_see_nothing"]:
+        key, blank = next(iter(document["blank_views"].items()))
+        yield f"{counted(n_blank(document), 'view')} without a cloud; {key}, {Blank(**blank).said}"
     if n := counts["scans_of_too_few_points"]:
         least = document["options"]["scan"]["least_points"]
         yield (
