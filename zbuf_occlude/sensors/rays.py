@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -190,6 +191,7 @@ def spinning(
     if not (np.abs(angles[:, 0]) <= np.pi / 2).all():
         steepest = float(np.degrees(np.abs(angles[:, 0]).max()))
         raise OptionError(f"lasers must have elevations in [-90, 90] degrees; one has {steepest:g}.")
+    _check_lowest_first("lasers", [elevation for elevation, _ in lasers])
     is_whole = np.isclose(abs(last - first), 2.0 * np.pi)  # the last azimuth would repeat the first
     turn = first + np.arange(columns) * ((last - first) / max(columns if is_whole else columns - 1, 1))
     azimuth = (turn[:, None] + angles[:, 1]).ravel()
@@ -241,6 +243,7 @@ def risley(
     """
     n_columns = round(rate * seconds / len(fan))
     _check_count(n_columns * len(fan))
+    _check_lowest_first("fan", fan)
     tilt = np.radians(wedge)
     if not index * np.sin(tilt) < 1.0:
         raise OptionError(
@@ -353,3 +356,13 @@ def _refract(directions: FloatArray, normals: FloatArray, ratio: float) -> Float
 def _check_count(n: int) -> None:
     if not 0 < n <= MAX_RAYS:
         raise OptionError(f"a sensor must have 1 to {MAX_RAYS:,} rays; it has {n:,}.")
+
+
+def _check_lowest_first(name: str, elevations: Sequence[float]) -> None:
+    """Raise OptionError where a laser is below the one before it: a ring is the place of its laser, 0 the lowest."""
+    for i, (before, after) in enumerate(pairwise(elevations)):
+        if after < before:
+            raise OptionError(
+                f"{name} must have the lowest elevation first; {i} has {before:g} degrees and {i + 1} has {after:g}. "
+                "Sort them, and offsets with them."
+            )
