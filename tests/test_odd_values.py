@@ -119,6 +119,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.blockers(CUBE, None, [3, 2, 1]), "points must be SurfacePoints; got NoneType"),
         (lambda: zo.visible_faces(CUBE, [3, 2, 1], exactly="no"), "exactly must be True or False; got 'no'"),
         (lambda: zo.load_mesh("a.off", colors="no"), "colors must be True or False; got 'no'"),
+        (lambda: Placed(CUBE, "car", velocity=(1, 2)), r"velocity of car must be \(3,\); got \(2,\) int64"),
         (lambda: zo.load_mesh("a.off", name=3), "name must be a word; got 3"),
         (lambda: zo.load_mesh("a.off", unit=["mm"]), r"unit must be one of mm, cm, m, in; got \['mm'\]"),
         (lambda: zo.scan(CUBE, "vlp-16", range=True, unit="m"), "range must be metres above 0; got True"),

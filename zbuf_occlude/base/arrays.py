@@ -128,7 +128,7 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
 
 def as_vector(values: ArrayLike, name: str) -> FloatArray:
     """Return one vector (3,), checked as by `as_vectors`."""
-    return as_vectors(as_array(values, name, "(3,) float")[None], name)[0]
+    return as_vectors(as_numbers(values, name, (3,))[None], name)[0]
 
 
 def as_triples(values: ArrayLike, name: str) -> FloatArray:
