@@ -208,13 +208,13 @@ def test_a_message_shows_a_value_in_one_line_whatever_it_is() -> None:
         assert 0 < len(said) <= 60
 
 
-@pytest.mark.parametrize("seed", [-1, "a", 1.5, True, [1, 2]])
+@pytest.mark.parametrize("seed", [None, -1, "a", 1.5, True, [1, 2]])
 def test_a_seed_that_is_none(seed: object) -> None:
     for draw in (
         lambda: zo.sample_surface(CUBE, n_points=3, seed=seed),  # type: ignore[arg-type]
         lambda: zo.views.parse("random:4", seed=seed),  # type: ignore[arg-type]
     ):
-        with pytest.raises(OptionError, match="seed must be an int of at least 0"):
+        with pytest.raises(OptionError, match="seed must be an int of at least 0, a SeedSequence or a Generator; got"):
             draw()
 
 

@@ -93,7 +93,7 @@ def generator(seed: Any) -> np.random.Generator:
     """
     is_int = isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0
     if not is_int and not isinstance(seed, np.random.SeedSequence | np.random.Generator):
-        raise OptionError(f"seed must be an int of at least 0, or a SeedSequence; got {shown(seed)}.")
+        raise OptionError(f"seed must be an int of at least 0, a SeedSequence or a Generator; got {shown(seed)}.")
     return np.random.default_rng(seed)
 
 
