@@ -15,11 +15,12 @@ import zbuf_occlude as zo
 from zbuf_occlude.base.errors import ArgumentError, MeshError, OccludeError, OptionError, shown
 from zbuf_occlude.base.limits import Limits
 from zbuf_occlude.sensors.scan_config import ScanConfig
-from zbuf_occlude.sensors.scenes import Placed
+from zbuf_occlude.sensors.scenes import Placed, moved
 
 CUBE = zo.Mesh.from_trimesh(box())
 VIEWS = zo.views.for_mesh(CUBE, "ring:2@30")
 SENSOR = zo.sensors.make("vlp-16")
+SCAN = zo.scan(CUBE, SENSOR, zo.sensors.look_at([3, 0, 0], [0, 0, 0]))
 PLY = (
     "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\n"
@@ -92,6 +93,15 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sample_surface(None, n_points=3), "mesh must be a path, a Mesh, .* got NoneType"),
         (lambda: zo.sample_surface(CUBE, n_points=3).select([3]), "which must pick among 3 points; index 3 is"),
         (lambda: zo.sample_surface(CUBE, n_points=3).select([True]), "which must pick among 3 points; boolean"),
+        (lambda: VIEWS[[True]], "which must pick among 2 views; boolean it has 1 entries"),
+        (lambda: VIEWS[[0, 2]], "which must pick among 2 views; index 2 is out of bounds"),
+        (lambda: VIEWS.select("a"), r"which must be a mask or indices, \(m,\) bool or int; got \(\) <U1"),
+        (lambda: SENSOR.rays().select([True]), "which must pick among 28800 rays; boolean it has 1 entries"),
+        (lambda: SCAN.select([True] * (len(SCAN) + 1)), "which must pick among .* returns; boolean"),
+        (lambda: SCAN.select([-len(SCAN) - 1]), "which must pick among .* returns; index -.* is out of bounds"),
+        (lambda: moved(to=(0, 5)), r"to must be \(3,\); got \(2,\) int64"),
+        (lambda: moved(scale=(1, 2)), r"scale must be \(3,\); got \(2,\) int64"),
+        (lambda: moved(yaw="left"), "yaw must be a number, degrees; got 'left'"),
         (lambda: zo.views.random(3, elevation=(1.0, 0.0)), r"elevations must run upwards within -90\.\.90 degrees"),
         (lambda: zo.views.parse(None), "views must be paper100, .*; got None"),
         (lambda: zo.load_mesh(box()), "path must be a path.*Mesh.from_trimesh"),
@@ -109,6 +119,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.Scene.from_mesh(None), "mesh must be a path, a Mesh, .* got NoneType"),
         (lambda: zo.Scene.from_mesh(CUBE, 3), "a label must be a word; got 3"),
         (lambda: Placed(None), "mesh of object must be a Mesh; got NoneType"),
+        (lambda: Placed(CUBE, "car", velocity=(1, 2)), r"velocity of car must be \(3,\); got \(2,\) int64"),
         (lambda: Placed(CUBE, is_background=2), "is_background of object must be True or False; got 2"),
         (lambda: zo.visibility_grid(CUBE, [3, 2, 1], n=10**6), "at most 134,217,728 voxels .*; 1 of 1000000 along"),
         (lambda: zo.visibility_grid(CUBE, np.ones((9, 3)), n=300), "voxels for all eyes together; 9 of 300"),
@@ -119,7 +130,6 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.blockers(CUBE, None, [3, 2, 1]), "points must be SurfacePoints; got NoneType"),
         (lambda: zo.visible_faces(CUBE, [3, 2, 1], exactly="no"), "exactly must be True or False; got 'no'"),
         (lambda: zo.load_mesh("a.off", colors="no"), "colors must be True or False; got 'no'"),
-        (lambda: Placed(CUBE, "car", velocity=(1, 2)), r"velocity of car must be \(3,\); got \(2,\) int64"),
         (lambda: zo.load_mesh("a.off", name=3), "name must be a word; got 3"),
         (lambda: zo.load_mesh("a.off", unit=["mm"]), r"unit must be one of mm, cm, m, in; got \['mm'\]"),
         (lambda: zo.scan(CUBE, "vlp-16", range=True, unit="m"), "range must be metres above 0; got True"),
@@ -216,6 +226,27 @@ def test_a_seed_that_is_none(seed: object) -> None:
     ):
         with pytest.raises(OptionError, match="seed must be an int of at least 0, a SeedSequence or a Generator; got"):
             draw()
+
+
+def test_a_tensor_with_a_gradient_says_how_to_pass_it() -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    vertices, said = torch.tensor(CUBE.vertices), r"must be .*; got a Tensor: .* requires grad.*detach\(\)"
+    assert len(zo.occlude((vertices, CUBE.faces), azimuth=0, n_points=9)) == 9
+    for call in (
+        lambda: zo.occlude((vertices.requires_grad_(), CUBE.faces), azimuth=0),
+        lambda: zo.occlude(CUBE, eye=torch.tensor([3.0, 0.0, 0.0], requires_grad=True)),
+        lambda: zo.SurfacePoints.free(vertices.requires_grad_()),
+    ):
+        with pytest.raises(ArgumentError, match=said):
+            call()
+    with pytest.raises(ArgumentError, match=r"must be numbers; .* requires grad"):
+        zo.Views(torch.zeros(1, requires_grad=True), [0.0], [1.0])
+
+
+def test_what_selects_views() -> None:
+    """Also what ends an iteration over them, and the list of none."""
+    assert [len(each) for each in (VIEWS[-1], VIEWS[1:], VIEWS[[False, True]], VIEWS[[]])] == [1, 1, 1, 0]
+    assert [view.azimuth[0] for view in VIEWS] == VIEWS.azimuth.tolist()
 
 
 @pytest.mark.parametrize("kind", ["ring", "fibonacci", "random", "grid"])

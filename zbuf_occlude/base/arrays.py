@@ -57,11 +57,16 @@ def shape_and_dtype(values: Any) -> str:
 
 
 def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one array.") -> NDArray[Any]:
-    """Return values as an array of any shape and type; raise ArgumentError for rows of unequal length."""
+    """Return values as an array of any shape and type.
+
+    Raises ArgumentError for rows of unequal length, and for tensors that NumPy does not read: PyTorch says why.
+    """
     try:
         return np.asarray(values)
     except ValueError:
         raise ArgumentError(f"{name} must be {want}; got rows of unequal length. {remedy}") from None
+    except (RuntimeError, TypeError) as error:  # a tensor with a gradient; one on a GPU, or sparse
+        raise ArgumentError(f"{name} must be {want}; got a {type(values).__name__}: {error}") from None
 
 
 def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:
@@ -221,6 +226,24 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
     if low < lowest or high >= upper:
         raise ArgumentError(f"{name} must lie in [{lowest}, {upper}); got values from {low} to {high}.")
     return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def as_selection(which: ArrayLike, n: int, things: str) -> NDArray[np.intp]:
+    """Return the indices of those of n things that a boolean mask (n,) or an index array (m,) selects.
+
+    `things` names them in the message. Raises ArgumentError for anything else, and for an index of none of them.
+    """
+    want = "a mask or indices, (m,) bool or int"
+    chosen = as_array(which, "which", want)
+    if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "biu"):
+        raise ArgumentError(f"which must be {want}; got {shape_and_dtype(chosen)}.")
+    if chosen.dtype.kind == "b":
+        if len(chosen) != n:
+            raise ArgumentError(f"which must pick among {n} {things}; boolean it has {len(chosen)} entries.")
+        return np.flatnonzero(chosen)
+    if (outside := chosen[(chosen < -n) | (chosen >= n)]).size:
+        raise ArgumentError(f"which must pick among {n} {things}; index {outside[0]} is out of bounds.")
+    return chosen.astype(np.intp)
 
 
 def readonly_copy(array: NDArray[Any]) -> Any:

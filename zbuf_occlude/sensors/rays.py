@@ -17,6 +17,7 @@ from zbuf_occlude.base.arrays import (
     FloatArray,
     IntArray,
     as_indices,
+    as_selection,
     as_vectors,
     readonly_copy,
     set_readonly,
@@ -103,7 +104,7 @@ class Rays:
 
     def select(self, which: ArrayLike) -> "Rays":
         """Return the rays that a boolean mask or an index array selects, in its order."""
-        chosen = np.asarray(which)
+        chosen = as_selection(which, len(self), "rays")
         origins, times = (None if each is None else each[chosen] for each in (self.origins, self.times))
         return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen], origins, times)
 

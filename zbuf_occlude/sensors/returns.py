@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.base.arrays import FloatArray, IntArray
+from zbuf_occlude.base.arrays import FloatArray, IntArray, as_selection
 from zbuf_occlude.base.point_files import columns_of
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes
@@ -159,5 +159,5 @@ class Scan(Cloud):
 
     def select(self, which: ArrayLike) -> "Scan":
         """Return the returns that a boolean mask or an index array selects, in its order."""
-        chosen = np.asarray(which)
+        chosen = as_selection(which, len(self), "returns")
         return Scan(self.origin, *(getattr(self, each.name)[chosen] for each in fields(self)[1:]))

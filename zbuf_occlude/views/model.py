@@ -16,6 +16,7 @@ from zbuf_occlude.base.arrays import (
     as_array,
     as_indices,
     as_number,
+    as_selection,
     readonly_copy,
 )
 from zbuf_occlude.base.errors import ArgumentError, escape_control
@@ -106,7 +107,7 @@ class Views(ReadOnlyArrays):
         try:
             *angles, target, roll = (_as_floats(values) for values in (*given.values(), self.roll))
             angles.append(roll)
-        except (TypeError, ValueError, OverflowError) as error:
+        except (TypeError, ValueError, OverflowError, RuntimeError) as error:  # the last of a tensor with a gradient
             raise ArgumentError(f"{', '.join(given)} must be numbers; {escape_control(str(error))[:80]}.") from None
         try:
             azimuth, elevation, distance, roll = np.broadcast_arrays(*map(np.atleast_1d, angles))
@@ -147,8 +148,9 @@ class Views(ReadOnlyArrays):
 
     def __getitem__(self, which: ArrayLike | slice) -> "Views":
         """Return the views that an index, a slice, a mask or an index array selects; an index gives Views of one."""
-        chosen = np.arange(len(self))[which]  # type: ignore[index]  # ArrayLike: whatever NumPy takes
-        return self.select(np.atleast_1d(chosen))
+        if isinstance(which, slice | int | np.integer):  # the IndexError of an int ends an iteration
+            which = np.atleast_1d(np.arange(len(self))[which])
+        return self.select(which)
 
     @property
     def eyes(self) -> FloatArray:
@@ -210,7 +212,8 @@ class Views(ReadOnlyArrays):
 
     def select(self, which: ArrayLike) -> "Views":
         """Return the views that a boolean mask or an index array selects, in its order."""
-        chosen, given = np.asarray(which), {each.name: getattr(self, each.name) for each in fields(self)}
+        chosen = as_selection(which, len(self), "views")
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
         per_view = {name: given[name] for name in given if name != "target" and given[name] is not None}
         return replace(self, **{name: values[chosen] for name, values in per_view.items()})
 

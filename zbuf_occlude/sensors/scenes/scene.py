@@ -11,6 +11,7 @@ from zbuf_occlude.base.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    as_array,
     as_flag,
     as_indices,
     as_number,
@@ -234,7 +235,9 @@ def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0
     >>> zo.scenes.moved(scale=2.0, to=(5, 0, 0))[0].tolist()
     [2.0, -0.0, 0.0, 5.0]
     """
-    return upright_pose(np.radians(yaw), to, scale)
+    angle = np.radians(as_number(yaw, "yaw", "a number, degrees"))
+    factors = as_array(scale, "scale", "a number or (3,)")
+    return upright_pose(angle, as_vector(to, "to"), as_numbers(factors, "scale", (3,) if factors.ndim else ()))
 
 
 def upright_pose(angle: float, to: ArrayLike = (0.0, 0.0, 0.0), scale: ArrayLike = 1.0) -> FloatArray:
