@@ -196,6 +196,7 @@ def test_colours_come_from_what_has_them() -> None:
         ({"eye": (1, 2)}, r"eye must be \(3,\); got \(2,\)"),
         ({"eye": zo.views.paper100()}, r"eye must be one view; got 100\. Take one: views\[0\]"),
         ({"azimuth": 0, "n_points": 0}, "n_points must be a positive int; got 0"),
+        ({"azimuth": 0, "n_points": 10**12}, "n_points must be at most 536,870,911; got 1,000,000,000,000"),
         ({"azimuth": 0, "n_points": 9, "density": 9.0}, "give n_points or density, not both"),
         ({"azimuth": 0, "frame": "world"}, "frame must be one of object, camera; got 'world'"),
         ({"azimuth": 0, "method": "exakt"}, "got 'exakt'"),

@@ -17,7 +17,7 @@ from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.conversion import MeshLike, as_mesh
-from zbuf_occlude.meshes.sampling import Seed, SurfacePoints, sample_surface
+from zbuf_occlude.meshes.sampling import MAX_POINTS, Seed, SurfacePoints, sample_surface
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.poses import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
@@ -187,6 +187,8 @@ def occlude(
         raise ArgumentError(f"give n_points or density, not both; got {n_points} and {density}.")
     if n_points is not None:
         check_int("n_points", n_points, 1)
+        if n_points > MAX_POINTS // PER_POINT:
+            raise ArgumentError(f"n_points must be at most {MAX_POINTS // PER_POINT:,}; got {n_points:,}.")
     rng = generator(seed)
     fraction = None
     if sensor is None:
@@ -318,7 +320,7 @@ def _visible(
         if n_found >= wanted:
             break
         share = max(n_found / max(n_sampled, 1), MIN_FRACTION)
-        size = {"n_points": math.ceil(1.15 * (wanted - n_found) / share)}
+        size = {"n_points": min(math.ceil(1.15 * (wanted - n_found) / share), MAX_POINTS)}
     if not n_sampled:
         raise MeshError(f"density {density:g} gives no point on an area of {mesh.areas.sum():g}. Raise it.")
     if not n_found:
