@@ -116,6 +116,8 @@ def test_specs(spec: str, expected: Views) -> None:
         ("grid:0x4", "n_elevations must be a positive int; got 0."),
         ("fibonacci:0", "n_views must be a positive int; got 0."),
         ("random:0", "n_views must be a positive int; got 0."),
+        ("ring:1000000000@3", "n_azimuths must be at most 1,000,000; got 1000000000."),
+        (f"grid:{10**17}x3", f"n_elevations must be at most 1,000,000; got {10**17}."),
         ("ring:8@100", "elevations must run upwards within -90..90 degrees; got 100..100."),
         ("random:5@50..0", "elevations must run upwards within -90..90 degrees; got 50..0."),
         ("ring:8@0,az=30", "After ring: must come N@EL[,az=AZ0..AZ1] or N@EL0..EL1[,az=AZ0..AZ1]; got '8@0,az=30'."),

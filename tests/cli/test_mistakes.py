@@ -36,7 +36,7 @@ REFUSED = [
         "After ring: must come N@EL[,az=AZ0..AZ1]",
     ),
     ("generate --method exact --views paper100:3", "paper100 takes nothing after it."),
-    ("generate a.off --views fibonacci:999999999999", "views must be paper100"),
+    ("generate a.off --views fibonacci:999999999999", "n_views must be at most 1,000,000; got 999999999999"),
     ("generate a.off --views grid:1000000x1000000", "the number of views must be at most 1,000,000"),
     (f"generate a.off --points {10**26}", "points must be at most 2,147,483,647"),
     (f"generate a.off --variations {10**26}", "variations must be at most 2,147,483,647"),

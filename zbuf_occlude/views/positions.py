@@ -272,8 +272,8 @@ def _positive(count: int, name: str) -> int:
 _NUMBER = r"([-+]?\d+(?:\.\d*)?)"
 _RANGE = rf"(?:@{_NUMBER}\.\.{_NUMBER})?"
 _SECTOR = rf"(?:,az={_NUMBER}\.\.{_NUMBER})?"
-_COUNT = r"(\d{1,9})"
-"""Pattern of a count: nine digits are more than `MAX_VIEWS` has."""
+_COUNT = r"(\d{1,18})"
+"""Pattern of a count: more digits would not fit an int64."""
 
 Make = Callable[[Sequence[Any], float, Seed], Views]
 
