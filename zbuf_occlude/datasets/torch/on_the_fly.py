@@ -519,7 +519,13 @@ class OnTheFlyScan:
             mesh = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).cleaned()
         if get_worker_info() is not None:
             use_threads(1)
-        standing, size = in_metres(mesh, label, self.config)
+        try:
+            standing, size = in_metres(mesh, label, self.config)
+        except OptionError:  # its message names the options of the command line
+            raise OptionError(
+                f"every class must have a size in metres; {label!r} has none. Give OnTheFlyScan "
+                f"size={{{label!r}: METRES}}, or size=METRES for all, or size='file' where meshes are in metres."
+            ) from None
         if standing.colors is not None and (standing.colors.transmittance == 1.0).all():
             raise MeshError(
                 f"a mesh must send some light back to be scanned; every material of {mesh.name} lets all light pass. "
