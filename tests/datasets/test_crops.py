@@ -384,7 +384,15 @@ def test_files_of_clouds(tmp_path: Path) -> None:
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n3 0 0 0\n"
     )
-    for name, words in (("mesh.ply", "has faces"), ("none.npy", "No such file"), ("a.xyz", "must end in one of")):
+    np.savez(tmp_path / "other.npz", xyz=points, time=points)
+    (tmp_path / "array.npz").write_bytes((tmp_path / "a.npy").read_bytes())
+    assert (read_points(tmp_path / "array.npz") == points).all()
+    for name, words in (
+        ("mesh.ply", "has faces"),
+        ("none.npy", "No such file"),
+        ("a.xyz", "must end in one of"),
+        ("other.npz", "other.npz: cannot read the points: it must have an array `points`; it has xyz, time"),
+    ):
         with pytest.raises(zo.DatasetError, match=words):
             read_points(tmp_path / name)
 

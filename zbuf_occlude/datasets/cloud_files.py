@@ -1,5 +1,6 @@
 """Reader of cloud files: PLY, PCD, KITTI's and nuScenes' .bin, .npy and .npz."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,4 +81,8 @@ def _read(path: Path, suffix: str) -> FloatArray:
             )
         return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
     loaded: Any = np.load(path, allow_pickle=False)
-    return positions_of(loaded["points"] if suffix == ".npz" else loaded)
+    if isinstance(loaded, Mapping):  # an archive, whatever its suffix
+        if "points" not in loaded:
+            raise ValueError(f"it must have an array `points`; it has {', '.join(loaded) or 'none':.200}")
+        loaded = loaded["points"]
+    return positions_of(loaded)
