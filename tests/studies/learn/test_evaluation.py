@@ -64,6 +64,14 @@ def test_json_and_png(tmp_path: Path) -> None:
     assert (blue > 60).mean() > 0.02, "cells of the classes that were found are blue"
 
 
+def test_means_count_a_class_that_was_never_predicted() -> None:
+    """Three beds, all right; two of three cars taken for beds, one for a sofa; no car and no lamp was predicted."""
+    counts = np.array([[3, 0, 0, 0], [2, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]])
+    document = Confusion(CLASSES, CLASSES, counts).to_dict()
+    assert document["classes"]["car"]["precision"] is None
+    assert document["mean"] == pytest.approx({"precision": (3 / 5) / 3, "recall": 1 / 2, "f1": (6 / 8) / 3})
+
+
 def test_a_picture_shows_each_count() -> None:
     axes = EVALUATION.plot().axes[0]
     texts = {(int(t.get_position()[0]), int(t.get_position()[1])): t.get_text() for t in axes.texts}

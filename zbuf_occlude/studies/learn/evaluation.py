@@ -71,12 +71,16 @@ class Confusion:
         return _ratio(2 * np.diag(self.counts), self.counts.sum(axis=0) + self.counts.sum(axis=1))
 
     def to_dict(self) -> dict[str, Any]:
-        """All figures as plain data; None where a figure is undefined."""
+        """All figures as plain data; None where a figure is undefined.
+
+        Mean precision counts a class with clouds that was never predicted as 0, as F1 does.
+        """
         columns = {"precision": self.precision, "recall": self.recall, "f1": self.f1}
+        averaged = columns | {"precision": np.where(np.isnan(self.f1), np.nan, np.nan_to_num(self.precision))}
         return {
             "n_clouds": self.n_clouds,
             "accuracy": _number(self.accuracy),
-            "mean": {name: _number(_mean(values)) for name, values in columns.items()},
+            "mean": {name: _number(_mean(values)) for name, values in averaged.items()},
             "classes": {
                 label: {"n_clouds": int(self.counts[i].sum()), **{k: _number(v[i]) for k, v in columns.items()}}
                 for i, label in enumerate(self.predicted)
