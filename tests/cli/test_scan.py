@@ -74,6 +74,13 @@ def test_a_class_with_a_size_of_its_own(run: Run, car: Path, tmp_path: Path) -> 
     run("scan gizmo.off --size gizmo=3 --out scan.ply --method embree")
 
 
+def test_a_size_of_no_object_is_said(run: Run, car: Path) -> None:
+    line = f"scan {car} --range 15 --method embree --out scan.ply"
+    said = "warning: --size bus, chair names no class of the meshes, car, or of the scene: it changes nothing"
+    run(f"{line} --size bus=3,car=4,chair=1", says=said)
+    assert "names no class" not in run(f"{line} --size chair=1 --scene room").err
+
+
 def test_a_scan_in_the_unit_of_the_file(run: Run, car: Path, tmp_path: Path) -> None:
     sensor = "pinhole:width=80,height=60,fov=20 --range 2000 --size file --method embree"
     run(f"scan {car} --sensor {sensor} --azimuth 30 --elevation 10 --out v.npy")

@@ -19,7 +19,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.shapes.built_in import BUILT_IN
 from zbuf_occlude.sensors import Motion, Sensor, read_trajectory
 from zbuf_occlude.sensors.scan_config import SURFACE, ScanConfig
-from zbuf_occlude.sensors.scenes.contents import read_scene, with_checksums
+from zbuf_occlude.sensors.scenes.contents import read_scene, surroundings, with_checksums
 from zbuf_occlude.sensors.scenes.kinds import KINDS
 from zbuf_occlude.sensors.scenes.sizes import ALL, FILE, SIZES, size_of, sizes_of
 from zbuf_occlude.views import Views
@@ -205,13 +205,20 @@ def parse_sensor(name: str, settings: Settings, camera: str | None) -> Sensor:
 def check_sizes(scan: ScanConfig, collection: MeshCollection) -> None:
     """Raise OptionError for a size of an unknown class, or a range that lies within an object.
 
-    A range that only begins within an object is reported.
+    A size of no mesh and no object of the scene, and a range that only begins within an object, are reported.
     """
     if isinstance(scan.size, str):
         return
     known = {*collection.classes, *SIZES, ALL}
     if unknown := [label for label in scan.size if label not in known]:
         raise OptionError(f"--size must name classes of the meshes, {', '.join(collection.classes)}; got {unknown[0]}.")
+    used = {*collection.classes, *(entry.label for entry in surroundings((), scan.scene)), ALL}
+    if idle := [label for label in scan.size if label not in used]:
+        echo(
+            f"warning: --size {', '.join(idle)} names no class of the meshes, {', '.join(collection.classes)}, "
+            "or of the scene: it changes nothing",
+            err=True,
+        )
     sizes = {label: size_of(label, scan.size, 1.0) for label in collection.classes}
     if scan.range is None:
         return
