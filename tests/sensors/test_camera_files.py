@@ -45,6 +45,7 @@ def written(path: Path, content: str) -> Path:
         ("camera.json", json.dumps(BOP)),
         ("camera_info.yaml", yaml.safe_dump(ROS)),
         ("camera_info.yaml", yaml.safe_dump(ECHO)),
+        ("camera_info.yaml", yaml.safe_dump({**ECHO, "binning_x": 0, "binning_y": 1})),
         ("cameras.txt", COLMAP),
         ("cameras.txt", f"7 OPENCV 640 480 {FX} {FY} {CX + 0.5} {CY + 0.5} 0 0 0 0\n"),
     ],
@@ -102,6 +103,7 @@ def test_a_point_falls_on_the_pixel_that_opencv_projects_it_to(tmp_path: Path) -
             yaml.safe_dump({**ROS, "distortion_coefficients": {"data": [0.1, 0, 0, 0, 0]}}),
             r"its distortion \(plumb_bob\) is not 0",
         ),
+        ("info.yaml", yaml.safe_dump({**ECHO, "binning_x": 1, "binning_y": 2}), "its binning_y is 2; divide fx"),
         ("info.yaml", "a: 1", "it has no 'camera_matrix'"),
     ],
 )

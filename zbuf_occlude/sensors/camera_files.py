@@ -16,6 +16,7 @@ OPENCV_ORIGIN = 0.5
 """Offset of cx and cy from those of a file whose origin is the centre of the first pixel."""
 _FORMS = "BOP's camera.json, ROS's camera_info.yaml, COLMAP's cameras.txt or .bin, or Open3D's intrinsics as JSON"
 _DISTORTION = Number(shapes=((-1,),))
+_BINNING = Number(0, 2**32 - 1, whole=True)
 _COLUMNS = Number(shapes=((3, 3),))
 _CALIBRATION = ("camera_matrix", "distortion_coefficients", "image_width", "image_height")
 _CAMERA_INFO = ("k", "d", "width", "height")
@@ -40,7 +41,7 @@ def read_intrinsics(path: str | Path) -> dict[str, float]:
     Raises
     ------
     OptionError
-        The file cannot be read, is of another kind, has several cameras, or a camera with distortion or skew.
+        The file cannot be read, is of another kind, has several cameras, or a camera with distortion, skew or binning.
 
     Examples
     --------
@@ -88,6 +89,12 @@ def _read(path: Path) -> tuple[Sequence[Any], float]:
 
 def _from_ros(document: Mapping[str, Any]) -> Sequence[Any]:
     """Return fx, fy, cx, cy, width and height of a file of ROS's camera_calibration, or of a CameraInfo as text."""
+    for name in ("binning_x", "binning_y"):  # 0 means 1
+        if (binning := _BINNING.read(name, document.get(name, 0))) > 1:
+            raise ValueError(
+                f"its {name} is {binning}; divide fx, cx and width by binning_x, fy, cy and height by binning_y, and "
+                "set both to 1"
+            )
     names = _CAMERA_INFO if "k" in document else _CALIBRATION
     matrix, distortion, width, height = (document[name] for name in names)
     matrix, distortion = (each["data"] if isinstance(each, Mapping) else each for each in (matrix, distortion))
