@@ -259,6 +259,16 @@ def test_distances_are_drawn_between_two() -> None:
         views.parse("ring:5@20", distance=4.0, farthest=2.0)
 
 
+def test_a_generator_is_a_seed_and_is_drawn_from() -> None:
+    rng = np.random.default_rng(3)
+    first, second = (views.parse("random:9", distance=2.0, farthest=5.0, seed=rng) for _ in range(2))
+    for found in (first, second):
+        assert ((found.distance >= 2.0) & (found.distance <= 5.0)).all()
+    assert not np.isin(first.distance, second.distance).any()
+    again = views.parse("random:9", distance=2.0, farthest=5.0, seed=np.random.default_rng(3))
+    assert np.array_equal(again.to_rows(), first.to_rows())
+
+
 def test_a_look_at_point_and_a_field_of_view() -> None:
     made = views.ring(4, elevation=20, distance=3.0).looking([0.5, 0.0, 0.2], np.radians(60))
     point = np.array([[0.5, 0.0, 0.2]])

@@ -23,7 +23,7 @@ MAX_VIEWS = 1_000_000
 HALF_WITHIN = 15.0
 """Angle to the axis of road users, degrees, within which a car's sensor sees half of them (`drive`)."""
 
-Seed = int | np.random.SeedSequence
+Seed = int | np.random.SeedSequence | np.random.Generator
 
 
 def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTANCE, roll: float = 0.0) -> Views:
@@ -197,7 +197,7 @@ def drive(
     elevation : (float, float)
         Degrees; drawn uniformly over the sphere between both.
     distance : float
-    seed : int or SeedSequence
+    seed : int, SeedSequence or Generator
 
     Notes
     -----
@@ -387,7 +387,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
         One of `forms`.
     distance : float
         Distance, unless a file has its own.
-    seed : int or SeedSequence
+    seed : int, SeedSequence or Generator
         Seed of random views and distances.
     farthest : float, optional
         Distances are drawn uniformly from `distance` to this one, unless a file has its own.
@@ -411,8 +411,11 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     farthest = as_distance(farthest)
     if not farthest > distance:
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
-    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
+    rng = seed
+    if not isinstance(rng, np.random.Generator):  # other draws than those of the positions
+        root = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
+        rng = np.random.default_rng(root.spawn(1)[0])
+    lengths = rng.uniform(distance, farthest, len(views))
     own = views.distance == row.make(found, farthest, seed).distance  # distances of a file
     lengths = np.where(own, views.distance, lengths)
     return replace(views, distance=lengths)
