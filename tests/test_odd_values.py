@@ -95,6 +95,7 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sample_surface(CUBE, n_points=3).select([True]), "which must pick among 3 points; boolean"),
         (lambda: VIEWS[[True]], "which must pick among 2 views; boolean it has 1 entries"),
         (lambda: VIEWS[[0, 2]], "which must pick among 2 views; index 2 is out of bounds"),
+        (lambda: VIEWS.looking((1, 2)), r"at must be \(3,\); got \(2,\) int64"),
         (lambda: VIEWS.select("a"), r"which must be a mask or indices, \(m,\) bool or int; got \(\) <U1"),
         (lambda: SENSOR.rays().select([True]), "which must pick among 28800 rays; boolean it has 1 entries"),
         (lambda: SCAN.select([True] * (len(SCAN) + 1)), "which must pick among .* returns; boolean"),

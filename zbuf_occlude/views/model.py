@@ -17,6 +17,7 @@ from zbuf_occlude.base.arrays import (
     as_indices,
     as_number,
     as_selection,
+    as_vector,
     readonly_copy,
 )
 from zbuf_occlude.base.errors import ArgumentError, escape_control
@@ -232,7 +233,7 @@ class Views(ReadOnlyArrays):
         """Return the views turned to look at a point (3,), with a square field of view in radians."""
         rotations, fov_bounds, sizes = self.rotations, self.fov_bounds, self.sizes
         if at is not None:
-            rotations = view_matrices(self.eyes, np.asarray(at, dtype=np.float64), self.ups)[:, :3, :3]
+            rotations = view_matrices(self.eyes, as_vector(at, "at"), self.ups)[:, :3, :3]
         if field_of_view is not None:
             side, sizes = np.tan(field_of_view / 2), None
             fov_bounds = np.tile([-side, side, -side, side], (len(self), 1))
