@@ -447,15 +447,17 @@ def test_scaled_by_the_object_all_clouds_have_the_box_of_its_mesh(tmp_path: Path
 @pytest.mark.parametrize(
     ("away", "scale", "fails"), [(1e6, "mesh", True), (1e3, "mesh", False), (1e6, "object", False)]
 )
+@pytest.mark.parametrize("complete", [False, True])
 def test_a_mesh_too_far_from_the_origin_for_float32_is_not_rounded(
-    tmp_path: Path, format: str, away: float, scale: str, fails: bool
+    tmp_path: Path, format: str, away: float, scale: str, fails: bool, complete: bool
 ) -> None:
     far = Mesh(tetrahedron(1).vertices + away, FACES)
     meshes = MeshCollection(
         [MeshEntry("far", "odd", "train", lambda: far), MeshEntry("near", "odd", "train", partial(tetrahedron, 1))]
     )
-    document = generate(Plan(meshes, replace(CONFIG, scale=scale), format), tmp_path)
+    document = generate(Plan(meshes, replace(CONFIG, scale=scale, complete=complete), format), tmp_path)
     assert document["failures"].keys() == ({"far"} if fails else set())
+    assert verify(tmp_path, meshes, run=run_here).faults == []
     if fails:
         assert "float32 numbers are 0.062 apart" in document["failures"]["far"]  # 2^-4 from 2^19 on
         return

@@ -193,7 +193,9 @@ def check(
         echo("not compared with the meshes: give those the dataset was made of")
     for fault in verdict.faults:
         echo(f"fault: {fault}", err=True)
-    if verdict.faults:
+    if verdict.is_of_other_meshes:
+        echo("not compared with the meshes: those given are others")
+    elif verdict.faults:
         echo("faults found. Copy those files from where they were made, or make the dataset again, with --overwrite")
     else:
         echo("the dataset is what its manifest says")

@@ -51,6 +51,7 @@ class Verdict:
     n_checked: int  # points compared with their meshes; 0 without meshes
     false_visible: float | None  # the fraction of them that the oracle says are hidden
     faults: list[str]  # one line each; empty: the dataset is what its manifest says
+    is_of_other_meshes: bool = False  # the fault is of the meshes given, and tells nothing of the dataset
 
 
 class FileVerdict(NamedTuple):
@@ -184,9 +185,11 @@ def _as_planned(meshes: MeshCollection, plan: Plan) -> dict[str, MeshEntry]:
     }
 
 
-def _wrong_frame(planned: MeshEntry, by_key: Mapping[str, MeshEntry]) -> str:
-    """Return the fault of a mesh that is read with another up axis or unit than the dataset's; "" where it is not."""
-    given = by_key[planned.key]
+def _other_mesh(planned: MeshEntry, by_key: Mapping[str, MeshEntry]) -> str:
+    """Return the fault of a mesh that is not given, or with another up axis or unit than the dataset's; else ""."""
+    given = by_key.get(planned.key)
+    if given is None:
+        return f"the meshes given must have {planned.key}; they do not. Give those that the dataset was made of."
     for option, theirs, mine in (("up", planned.up, given.up), ("unit", planned.unit, given.unit)):
         if theirs != mine:
             return f"{option} of {planned.key} was {theirs or 'none'} and is {mine or 'none'}; give the dataset's."
@@ -211,12 +214,9 @@ class _Comparison:
         scanned = plan.config.scan is not None and not plan.config.complete
         # any mesh may stand around the target of a scan
         mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
-        if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in self.by_key]:
-            self.verdict.faults.append(
-                f"the meshes given must have {lacking[0]}; they do not. Give those that the dataset was made of."
-            )
-        elif wrong := next(filter(None, (_wrong_frame(plan.meshes[i], self.by_key) for i in mesh_ids)), ""):
-            self.verdict.faults.append(wrong)
+        if other := next(filter(None, (_other_mesh(plan.meshes[i], self.by_key) for i in mesh_ids)), ""):
+            self.verdict.faults.append(other)
+            self.verdict.is_of_other_meshes = True
         elif scanned:
             self._scan_again(records)
         elif plan.config.complete:
@@ -281,7 +281,7 @@ class _Comparison:
             of_cloud = f"view {int(record['view_id'])} of {entry.key}"
             positions = object_positions(record, record["pose"], plan.config)
             self.verdict.n_checked += len(positions)
-            allowed = (OFF_SURFACE + 2.0 * self.manifest.get("rounding", 0.0)) * mesh.longest_side
+            allowed = (OFF_SURFACE + 2.0 * self._rounding(mesh)) * mesh.longest_side
             away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
             if not (away <= allowed).all():
                 self.verdict.faults.append(
@@ -297,6 +297,13 @@ class _Comparison:
                         f"a complete cloud must be spread as the surface is; {of_cloud} differs by {found:.2f}, which "
                         f"chance explains up to {most:.2f}."
                     )
+
+    def _rounding(self, mesh: Mesh) -> float:
+        """Return by how much coordinates are rounded, in longest sides of the mesh, beyond what a unit box explains."""
+        steps: float = self.manifest.get("rounding", 0.0)
+        if self.plan.config.scale == "mesh":
+            steps += float(np.spacing(np.float32(np.abs(mesh.bounds).max()))) / 2.0 / mesh.longest_side
+        return steps
 
     def _ask_oracle(self, records: Records, rng: np.random.Generator) -> None:
         """Measure the fraction of hidden points among some points of some clouds."""
@@ -319,7 +326,7 @@ class _Comparison:
             with prepare_oracle(mesh) as oracle:
                 hidden = points.select(~oracle.visible(points, eye)[0])
                 # a rounded point may change its answer where the line of sight grazes the surface
-                moved = np.sqrt(3.0) * self.manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
+                moved = np.sqrt(3.0) * self._rounding(mesh) * mesh.longest_side / mesh.diagonal
                 n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
             n_checked += len(points)
         self.verdict.n_checked, self.verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
