@@ -312,3 +312,9 @@ def test_a_tables_own_distances_stay_where_others_are_drawn(tmp_path: Path) -> N
     found = views.parse(str(path), distance=3.0, farthest=5.0).distance
     assert found[[0, 2]].tolist() == [2.0, 7.0]
     assert 3.0 < found[1] < 5.0
+
+
+@pytest.mark.parametrize("index", [1, -2, np.int64(1), np.array(1)])
+def test_an_index_gives_views_of_one(index: Any) -> None:
+    three = views.ring(3, elevation=0.0)
+    assert three[index].azimuth.tolist() == [three.azimuth[1]]

@@ -63,6 +63,16 @@ def test_convert(run: Run, modelnet: Path, tmp_path: Path) -> None:
     run("convert meshes --format npz --out x", code=1)
 
 
+def test_the_command_of_converted_scans_makes_them_again(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    """Points of the whole surface are kept in `packed` alone."""
+    scans = "--sensor vlp-16 --size 4 --range 5..9 --points 3000 --views ring:2@20 --workers 1"
+    run(f"generate {modelnet} {scans} --format packed --out packed")
+    run("convert packed --format hdf5 --out theirs")
+    run("generate --config theirs/manifest.json --workers 1 --out again")
+    theirs, again = (json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("theirs", "again"))
+    assert again["options"] == {**theirs["options"], "n_points": again["options"]["n_points"]}  # which scans have not
+
+
 @pytest.mark.parametrize("format", ["modelnet-o", "epn3d", "shapenet55"])
 def test_the_command_of_a_conversion_makes_the_same_again(
     run: Run, furniture: Path, tmp_path: Path, format: str

@@ -96,12 +96,15 @@ def test_a_signal_while_python_exits_is_no_traceback(name: str, command: str) ->
     assert "KeyboardInterrupt" not in ended.stderr
 
 
-def test_an_interrupt_in_a_destructor_is_not_lost() -> None:
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_in_a_destructor_is_not_lost(name: str) -> None:
+    """Jobs in the background ignore SIGINT alone."""
     program = (
         "import os, signal, time\n"
+        f"signal.signal(signal.SIGINT, signal.SIG_{'DFL' if name == 'SIGINT' else 'IGN'})\n"
         "from zbuf_occlude import __main__ as program\n"
         "class Slow:\n"
-        "    def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
+        f"    def __del__(self): os.kill(os.getpid(), signal.{name})\n"
         "def command(**options):\n"
         "    Slow()\n"
         "    time.sleep(60)\n"

@@ -477,7 +477,30 @@ def test_a_mesh_for_which_memory_does_not_suffice_fails_alone(tmp_path: Path, mo
             np.empty(2**57)
         return sample_of(mesh, *given)
 
+    def load() -> Mesh:
+        raise MemoryError
+
     monkeypatch.setattr(pipeline, "sample", sample)
+    meshes = MeshCollection([*meshes, MeshEntry("m9", "odd", "train", load)])
     document = generate(Plan(meshes, CONFIG), tmp_path)
-    assert document["failures"].keys() == {"m1"}
+    assert document["failures"].keys() == {"m1", "m9"}
     assert document["failures"]["m1"].startswith("out of memory (Unable to allocate 1.00 EiB")
+    assert document["failures"]["m9"].startswith("out of memory. Reduce points")
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e60])
+@pytest.mark.parametrize("config", [{"scale": "metres"}, {"scale": "mesh"}, {"scale": "mesh", "frame": "camera"}])
+def test_a_mesh_whose_clouds_float32_cannot_hold_fails_alone(tmp_path: Path, size: float, config: Any) -> None:
+    odd = Mesh(tetrahedron(1).vertices * size, FACES)
+    meshes = MeshCollection(
+        [MeshEntry("odd", "odd", "train", lambda: odd), MeshEntry("near", "odd", "train", partial(tetrahedron, 1))]
+    )
+    document = generate(Plan(meshes, replace(CONFIG, **config)), tmp_path)
+    assert "must suit float32" in document["failures"].pop("odd")
+    assert document["failures"] == {}
+    assert document["counts"]["meshes"] == 1
+
+
+def test_a_camera_too_far_away_for_float32_sees_no_cloud(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="must suit float32"):
+        generate(Plan(collection(1), replace(CONFIG, scale="mesh", frame="camera", distance=1e7)), tmp_path)

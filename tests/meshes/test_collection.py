@@ -237,6 +237,8 @@ def test_labels(tmp_path: Path, name: str) -> None:
         ("uid,class\ntwice,cup\n", "a label must match one mesh; 'twice' matches x/twice.off, y/twice.off. Write"),
         ("uid,class\nx/twice,cup\nx/twice.off,pan\n", "must have one label; 'x/twice.off' has 'cup' and 'pan'. Keep"),
         ("uid,split\nx/twice,val\nx/twice,test\n", "must have one label; 'x/twice.off' has 'val' and 'test'. Keep"),
+        ("uid,class,split\nx/twice,test,\nx/twice,,test\n", "must have one label; 'x/twice.off' has 'test' and 'test'"),
+        (f"uid,class\nx/twice,{'x' * 90}1\nx/twice,{'x' * 90}2\n", "must have one label; 'x/twice.off' has 'xxx"),
     ],
 )
 def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) -> None:

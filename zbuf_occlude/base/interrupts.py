@@ -38,7 +38,18 @@ def raised() -> Iterator[None]:
     for number in _NUMBERS:
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
-    hook, sys.unraisablehook = sys.unraisablehook, _raise_again
+    hook = sys.unraisablehook
+
+    def repeat(lost: "sys.UnraisableHookArgs") -> None:
+        """Repeat an interrupt that came in a destructor or a callback, where Python ignores exceptions."""
+        if lost.exc_type is KeyboardInterrupt:
+            again = threading.Timer(PAUSE, _interrupt_main_thread)
+            again.daemon = True
+            again.start()
+        else:
+            hook(lost)
+
+    sys.unraisablehook = repeat
     try:
         yield
     finally:
@@ -48,21 +59,13 @@ def raised() -> Iterator[None]:
                 signal.signal(number, signal.SIG_DFL)
 
 
-def _raise_again(lost: "sys.UnraisableHookArgs") -> None:
-    """Repeat an interrupt that came in a destructor or a callback, where Python ignores exceptions."""
-    if lost.exc_type is KeyboardInterrupt:
-        again = threading.Timer(PAUSE, _interrupt_main_thread)
-        again.daemon = True
-        again.start()
-    else:
-        sys.__unraisablehook__(lost)
-
-
 def _interrupt_main_thread() -> None:
-    if hasattr(signal, "pthread_kill"):  # ends a call that waits, too; Windows lacks it
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-    else:
-        signal.raise_signal(signal.SIGINT)
+    heard = [number for number in _NUMBERS if signal.getsignal(number) is signal.default_int_handler]
+    for number in heard[:1]:  # none after the block
+        if hasattr(signal, "pthread_kill"):  # ends a call that waits, too; Windows lacks it
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:
+            signal.raise_signal(number)
 
 
 @contextmanager

@@ -238,17 +238,18 @@ class Shard:
             "longest_side": mesh.longest_side,
             "blind": [blind for _, _, blind in kept],
         }
-        self._members.append((f"{mesh_id:06d}/mesh.json", json.dumps(facts).encode()))
+        members = [(f"{mesh_id:06d}/mesh.json", json.dumps(facts).encode())]
         for variation, (points, (_, seen, _)) in enumerate(zip(samples, kept, strict=True)):
             name = f"{mesh_id:06d}/{variation}"
-            self._members.append((f"{name}.steps", pack_integers(grid.quantize(points.positions))))
-            self._members.append((f"{name}.faces", pack_integers(points.face_ids)))
-            self._members.append((f"{name}.{kind}", seen))
+            members.append((f"{name}.steps", pack_integers(grid.quantize(points.positions))))
+            members.append((f"{name}.faces", pack_integers(points.face_ids)))
+            members.append((f"{name}.{kind}", seen))
             if "normals" in config.attributes:
                 bits = points.normals.astype("<f4").view("<i4")  # their differences are 0 along a face
-                self._members.append((f"{name}.normals", pack_integers(bits)))
+                members.append((f"{name}.normals", pack_integers(bits)))
             if "colors" in config.attributes:
-                self._members.append((f"{name}.colors", pack_integers(colors_of(points))))
+                members.append((f"{name}.colors", pack_integers(colors_of(points))))
+        self._members += members
 
     def write(self, out: Path, shard: int) -> list[FileDigest]:
         """Write the archive; times in it are fixed, so the same clouds give the same bytes."""

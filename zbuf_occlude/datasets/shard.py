@@ -23,9 +23,10 @@ from zbuf_occlude.datasets.counts import Blank, QualityCounts
 from zbuf_occlude.datasets.folder import SHARDS, SOURCE, Each, Kinds, has_size, read_object
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import Sampling, count_mesh, samplings
-from zbuf_occlude.datasets.plan import Plan
+from zbuf_occlude.datasets.plan import DatasetConfig, Plan
 from zbuf_occlude.datasets.records import Records, gather_clouds, record_type
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.views import Views
 
 _OF_COUNTS: Kinds = {each.name: type(each.default) for each in fields(QualityCounts)} | {
     "clear_range": (int, float),
@@ -104,7 +105,15 @@ class RecordShard:
 
     def keep(self, sampling: Sampling, key: str, variation: int) -> Records:
         """Draw the clouds of one sampling of a mesh."""
-        return gather_clouds(*sampling[:4], self._plan.config, key, variation)
+        return gather_clouds(
+            sampling.points,
+            sampling.mask,
+            sampling.views,
+            sampling.longest_side,
+            self._plan.config,
+            key,
+            variation,
+        )
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[Records]) -> None:
         """Take all clouds of a mesh."""
@@ -153,24 +162,32 @@ class MadeMesh(NamedTuple):
 def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Any) -> MadeMesh:
     """Make all clouds of a mesh, and put them into a store.
 
-    The store is left as it was where MeshError or ArgumentError says that the mesh cannot be used.
+    The store is left as it was where an error says that the mesh cannot be used, or memory does not suffice.
     """
     entry, config = plan.meshes[mesh_id], plan.config
     mesh = entry.load()
-    reason = float32_fault(mesh.bounds)
-    if reason and config.scale == "mesh" and config.frame != "camera" and config.scan is None:
-        raise MeshError(f"a mesh in its own coordinates must suit float32; its {reason}. Give --scale object.")
     counts, renderer, kept, blank = count_mesh(mesh, config), "none", list[Any](), list[tuple[int, int, str]]()
-    try:
-        for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
-            counts, renderer = counts + sampling.counts, sampling.renderer
-            kept.append(store.keep(sampling, entry.key, variation))
-            blank += [(variation, view, why) for view, why in sampling.blank.items()]
-    except MemoryError as error:
-        detail = f" ({error})" if str(error) else ""
-        raise MeshError(f"out of memory{detail}. Reduce points, density, views or variations.") from None
+    for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
+        if reason := _float32_fault(mesh, sampling.views, config):
+            raise MeshError(f"points in the unit of the mesh must suit float32; their {reason}. Give --scale object.")
+        counts, renderer = counts + sampling.counts, sampling.renderer
+        kept.append(store.keep(sampling, entry.key, variation))
+        blank += [(variation, view, why) for view, why in sampling.blank.items()]
     store.add(mesh_id, mesh, kept)
     return MadeMesh(counts, renderer, mesh.origin, Blank(len(blank), *min(blank)) if blank else None)
+
+
+def _float32_fault(mesh: Mesh, views: Views, config: DatasetConfig) -> str:
+    """Return why the points of a mesh cannot be stored as its clouds are, in float32; "" where they can.
+
+    Those of scans are in metres, about the object.
+    """
+    if config.scan is not None or config.scale in ("cloud", "object"):
+        return ""
+    place = np.zeros(3)
+    if config.scale == "mesh":
+        place = np.full(3, views.distance.max()) if config.frame == "camera" else mesh.centre
+    return float32_fault(mesh.bounds - mesh.centre + place)
 
 
 def make_shard(
@@ -199,6 +216,10 @@ def make_shard(
             made = make_mesh(plan, mesh_id, gl, store)
         except (MeshError, ArgumentError) as error:  # options were checked before: the mesh is at fault
             failures[entry.key] = str(error)
+            continue
+        except MemoryError as error:
+            detail = f" ({error})" if str(error) else ""
+            failures[entry.key] = f"out of memory{detail}. Reduce points, density, views or variations."
             continue
         counts, renderer, sources[entry.key] = counts + made.counts, made.renderer, made.source
         n_clouds += made.counts.n_clouds

@@ -246,7 +246,9 @@ class _Comparison:
             entry = remade.meshes[mesh_id]
             try:
                 kept = [
-                    gather_clouds(*each[:4], plan.config, entry.key, variation)
+                    gather_clouds(
+                        each.points, each.mask, each.views, each.longest_side, plan.config, entry.key, variation
+                    )
                     for variation, each in enumerate(samplings(remade, self._load(entry), mesh_id, None))
                 ]
             except (DatasetError, MeshError, OptionError) as error:

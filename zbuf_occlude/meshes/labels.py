@@ -156,9 +156,10 @@ def match(items: Mapping[str, _Item], labels: Sequence[Label]) -> tuple[list[tup
             raise OptionError(
                 f"a label must match one mesh; {label.key!r:.80} matches {', '.join(keys[:3])}. Write the whole key."
             )
-        if keys and chosen.setdefault(keys[0], label).said != label.said:
+        first = chosen.setdefault(keys[0], label) if keys else label
+        if (first.label, first.split) != (label.label, label.split):
             raise OptionError(
-                f"a mesh must have one label; {keys[0]!r:.80} has {chosen[keys[0]].said} and {label.said}. Keep one."
+                f"a mesh must have one label; {keys[0]!r:.80} has {first.said} and {label.said}. Keep one."
             )
         n_unknown += not keys
     return [(items[key], chosen[key]) for key in items if key in chosen], n_unknown

@@ -149,8 +149,9 @@ class Views(ReadOnlyArrays):
 
     def __getitem__(self, which: ArrayLike | slice) -> "Views":
         """Return the views that an index, a slice, a mask or an index array selects; an index gives Views of one."""
-        if isinstance(which, slice | int | np.integer):  # the IndexError of an int ends an iteration
-            which = np.atleast_1d(np.arange(len(self))[which])
+        if isinstance(which, slice | int | np.integer) or getattr(which, "ndim", 1) == 0:
+            # the IndexError of an index ends an iteration
+            which = np.atleast_1d(np.arange(len(self))[which])  # type: ignore[index]  # whatever NumPy takes
         return self.select(which)
 
     @property

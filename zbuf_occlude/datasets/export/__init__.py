@@ -238,6 +238,11 @@ def convert(
     command = read_command(folder)
     if command:  # else it was made in Python
         command |= {"format": format, **_options_in_words(plan)}
+        if (scan := plan.config.scan) is not None:
+            if not (find_format(format).keeps_points or plan.config.complete):  # the scans alone are in it
+                command = {name: value for name, value in command.items() if name not in ("points", "density")}
+            if scan.range is None and "range_" in find_format(format).options:
+                command = {}  # no option takes the format's own range away
     about = {**manifest, "command": command, "converted_from": plan.converted_from}
     redrawn = None
     if find_format(old.format).whole_objects:  # draw and order are those of the new format

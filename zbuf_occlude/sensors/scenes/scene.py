@@ -235,7 +235,7 @@ def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0
     >>> zo.scenes.moved(scale=2.0, to=(5, 0, 0))[0].tolist()
     [2.0, -0.0, 0.0, 5.0]
     """
-    angle = np.radians(as_number(yaw, "yaw", "a number, degrees"))
+    angle = float(np.radians(as_numbers(yaw, "yaw", ())))
     factors = as_array(scale, "scale", "a number or (3,)")
     return upright_pose(angle, as_vector(to, "to"), as_numbers(factors, "scale", (3,) if factors.ndim else ()))
 
