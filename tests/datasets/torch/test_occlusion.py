@@ -301,3 +301,12 @@ def test_clouds_on_the_fly_have_normals_and_colours() -> None:
     assert torch.allclose(found.color, torch.tensor(GREY / 255))
     with pytest.raises(OptionError, match="attribute must be one of normals, colors; got 'rgb'"):
         OnTheFlyOcclusion(50, attributes=("rgb",))
+
+
+def test_a_mesh_too_far_from_the_origin_for_float32_is_refused() -> None:
+    far = Mesh(BALL.vertices + 1e6, BALL.faces)
+    with pytest.raises(ArgumentError, match=r"must suit float32; their coordinates reach 100000\d"):
+        OnTheFlyOcclusion(64, scale="mesh")(far)
+    for config in ({"scale": "metres"}, {"scale": "mesh", "frame": "camera"}):
+        cloud = OnTheFlyOcclusion(64, **config)(far).numpy().astype(float)  # type: ignore[arg-type]
+        assert len(np.unique(cloud, axis=0)) == 64

@@ -165,7 +165,7 @@ class OnTheFlyOcclusion:
         Raises
         ------
         ArgumentError
-            Not a mesh.
+            Not a mesh; one too far from the origin for float32, with scale "mesh".
         MeshError
             The mesh has no face of any area, or nothing of it was seen from any eye.
         """
@@ -237,6 +237,7 @@ class _Subject:
     """A prepared mesh, with the clouds of it that are drawn already."""
 
     def __init__(self, mesh: Mesh, settings: OnTheFlyOcclusion) -> None:
+        settings.placement.check(mesh)
         self.mesh = mesh
         self.occluder = prepare(mesh, settings.method, **settings.method_options)
         self.megabytes = len(mesh.faces) * BYTES_PER_FACE / 1e6

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.base.arrays import FloatArray, as_number
+from zbuf_occlude.base.arrays import FloatArray, as_number, float32_fault
 from zbuf_occlude.base.errors import ArgumentError, OptionError, check_choice, shown
 from zbuf_occlude.datasets.records import unit_box_transform
 from zbuf_occlude.geometry.mesh import Mesh
@@ -46,6 +46,13 @@ class CloudFrame:
         check_choice("axes", self.axes, AXES)
         if self.axes != "opengl" and self.frame != "camera":
             raise OptionError(f"axes {self.axes} must be of frame 'camera'; got frame {self.frame!r}.")
+
+    def check(self, mesh: Mesh) -> None:
+        """Raise ArgumentError where float32 cannot hold clouds of a mesh in this frame and scale."""
+        if self.scale == "mesh" and self.frame == "object" and (reason := float32_fault(mesh.bounds)):
+            raise ArgumentError(
+                f"points in the unit of the mesh must suit float32; their {reason}. Take scale='cloud'."
+            )
 
     def place(self, cloud: Drawn, *, has_normals: bool = False) -> FloatArray:
         """Return the rows of a cloud in this frame and scale."""
