@@ -504,3 +504,11 @@ def test_a_mesh_whose_clouds_float32_cannot_hold_fails_alone(tmp_path: Path, siz
 def test_a_camera_too_far_away_for_float32_sees_no_cloud(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="must suit float32"):
         generate(Plan(collection(1), replace(CONFIG, scale="mesh", frame="camera", distance=1e7)), tmp_path)
+
+
+def test_points_far_from_their_camera_lie_on_their_faces_as_far_as_float32_can_tell(tmp_path: Path) -> None:
+    """600 units away float32 numbers are 6e-5 apart, of an object 2 units long."""
+    config = replace(CONFIG, scale="mesh", frame="camera", distance=300.0, complete=True)
+    meshes = MeshCollection([MeshEntry("near", "odd", "train", partial(tetrahedron, 1))])
+    generate(Plan(meshes, config), tmp_path)
+    assert verify(tmp_path, meshes, run=run_here).faults == []

@@ -243,7 +243,7 @@ def as_selection(which: ArrayLike, n: int, things: str) -> NDArray[np.intp]:
         return np.flatnonzero(chosen)
     if (outside := chosen[(chosen < -n) | (chosen >= n)]).size:
         raise ArgumentError(f"which must pick among {n} {things}; index {outside[0]} is out of bounds.")
-    return chosen.astype(np.intp)
+    return chosen.astype(np.intp, copy=False)
 
 
 def readonly_copy(array: NDArray[Any]) -> Any:

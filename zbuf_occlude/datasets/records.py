@@ -18,6 +18,7 @@ from zbuf_occlude.base.precompiler import Compilation
 from zbuf_occlude.base.provenance import seed_of
 from zbuf_occlude.datasets.plan import BOXES, DatasetConfig
 from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.sampling import SurfacePoints
 from zbuf_occlude.sensors.boxes import BOX, HEIGHT, WIDTH
 from zbuf_occlude.sensors.returns import SCAN_COLUMNS
@@ -208,6 +209,17 @@ def gather_clouds(
 def object_transform(points: SurfacePoints, views: Views, longest_side: float) -> tuple[FloatArray, float]:
     """Return the centre of the object's box, which scans have at the origin, and the factor of a longest side of 1."""
     return np.zeros(3) if isinstance(points, ScanPoints) else np.asarray(views.target), 1.0 / longest_side
+
+
+def stored_bounds(mesh: Mesh, distance: float, config: DatasetConfig) -> FloatArray:
+    """Return a box (2, 3) with the coordinates of a mesh that are stored in float32, where they keep their unit.
+
+    `distance` is that of the farthest camera. Clouds of scale "cloud" and "object" are about as large as 1.
+    """
+    place = np.zeros(3)
+    if config.scale == "mesh":
+        place = np.full(3, distance) if config.frame == "camera" else mesh.centre
+    return np.asarray(mesh.bounds - mesh.centre + place)
 
 
 def _fill_attributes(

@@ -23,10 +23,9 @@ from zbuf_occlude.datasets.counts import Blank, QualityCounts
 from zbuf_occlude.datasets.folder import SHARDS, SOURCE, Each, Kinds, has_size, read_object
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import Sampling, count_mesh, samplings
-from zbuf_occlude.datasets.plan import DatasetConfig, Plan
-from zbuf_occlude.datasets.records import Records, gather_clouds, record_type
+from zbuf_occlude.datasets.plan import Plan
+from zbuf_occlude.datasets.records import Records, gather_clouds, record_type, stored_bounds
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.views import Views
 
 _OF_COUNTS: Kinds = {each.name: type(each.default) for each in fields(QualityCounts)} | {
     "clear_range": (int, float),
@@ -168,26 +167,14 @@ def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Any) -> MadeMesh:
     mesh = entry.load()
     counts, renderer, kept, blank = count_mesh(mesh, config), "none", list[Any](), list[tuple[int, int, str]]()
     for variation, sampling in enumerate(samplings(plan, mesh, mesh_id, gl)):
-        if reason := _float32_fault(mesh, sampling.views, config):
+        bounds = stored_bounds(mesh, sampling.views.distance.max(), config)
+        if config.scan is None and config.scale in ("metres", "mesh") and (reason := float32_fault(bounds)):
             raise MeshError(f"points in the unit of the mesh must suit float32; their {reason}. Give --scale object.")
         counts, renderer = counts + sampling.counts, sampling.renderer
         kept.append(store.keep(sampling, entry.key, variation))
         blank += [(variation, view, why) for view, why in sampling.blank.items()]
     store.add(mesh_id, mesh, kept)
     return MadeMesh(counts, renderer, mesh.origin, Blank(len(blank), *min(blank)) if blank else None)
-
-
-def _float32_fault(mesh: Mesh, views: Views, config: DatasetConfig) -> str:
-    """Return why the points of a mesh cannot be stored as its clouds are, in float32; "" where they can.
-
-    Those of scans are in metres, about the object.
-    """
-    if config.scan is not None or config.scale in ("cloud", "object"):
-        return ""
-    place = np.zeros(3)
-    if config.scale == "mesh":
-        place = np.full(3, views.distance.max()) if config.frame == "camera" else mesh.centre
-    return float32_fault(mesh.bounds - mesh.centre + place)
 
 
 def make_shard(

@@ -20,7 +20,7 @@ from zbuf_occlude.datasets.folder import read_finished, sha256_of
 from zbuf_occlude.datasets.formats import find_format
 from zbuf_occlude.datasets.pipeline import samplings
 from zbuf_occlude.datasets.plan import Plan
-from zbuf_occlude.datasets.records import Records, gather_clouds, object_positions
+from zbuf_occlude.datasets.records import Records, gather_clouds, object_positions, stored_bounds
 from zbuf_occlude.datasets.source import CloudReader
 from zbuf_occlude.datasets.workers import Run, run_here
 from zbuf_occlude.geometry.mesh import Mesh
@@ -283,7 +283,7 @@ class _Comparison:
             of_cloud = f"view {int(record['view_id'])} of {entry.key}"
             positions = object_positions(record, record["pose"], plan.config)
             self.verdict.n_checked += len(positions)
-            allowed = (OFF_SURFACE + 2.0 * self._rounding(mesh)) * mesh.longest_side
+            allowed = (OFF_SURFACE + 2.0 * self._rounding(mesh, record)) * mesh.longest_side
             away = _distances_from_faces(positions, mesh.corners[record["face_ids"]])
             if not (away <= allowed).all():
                 self.verdict.faults.append(
@@ -300,12 +300,13 @@ class _Comparison:
                         f"chance explains up to {most:.2f}."
                     )
 
-    def _rounding(self, mesh: Mesh) -> float:
+    def _rounding(self, mesh: Mesh, record: Any) -> float:
         """Return by how much coordinates are rounded, in longest sides of the mesh, beyond what a unit box explains."""
-        steps: float = self.manifest.get("rounding", 0.0)
+        rounding: float = self.manifest.get("rounding", 0.0)
         if self.plan.config.scale == "mesh":
-            steps += float(np.spacing(np.float32(np.abs(mesh.bounds).max()))) / 2.0 / mesh.longest_side
-        return steps
+            bounds = stored_bounds(mesh, float(record["view"][2]), self.plan.config)
+            rounding += float(np.spacing(np.float32(np.abs(bounds).max()))) / 2.0 / mesh.longest_side
+        return rounding
 
     def _ask_oracle(self, records: Records, rng: np.random.Generator) -> None:
         """Measure the fraction of hidden points among some points of some clouds."""
@@ -328,7 +329,7 @@ class _Comparison:
             with prepare_oracle(mesh) as oracle:
                 hidden = points.select(~oracle.visible(points, eye)[0])
                 # a rounded point may change its answer where the line of sight grazes the surface
-                moved = np.sqrt(3.0) * self._rounding(mesh) * mesh.longest_side / mesh.diagonal
+                moved = np.sqrt(3.0) * self._rounding(mesh, record) * mesh.longest_side / mesh.diagonal
                 n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
             n_checked += len(points)
         self.verdict.n_checked, self.verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None

@@ -14,6 +14,7 @@ from zbuf_occlude.base.arrays import (
     as_indices,
     as_number,
     as_numbers,
+    as_selection,
     as_vectors,
     readonly_copy,
     set_readonly,
@@ -133,23 +134,13 @@ class SurfacePoints(ReadOnlyArrays):
 
     def select(self, which: ArrayLike) -> "SurfacePoints":
         """Return the points that a boolean mask or an index array selects, in its order."""
-        chosen = np.asarray(which)
-        if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
-            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {shape_and_dtype(chosen)}.")
-        if chosen.dtype.kind == "b":
-            if len(chosen) != len(self):
-                raise ArgumentError(f"which must pick among {len(self)} points; boolean it has {len(chosen)} entries.")
-            chosen = np.flatnonzero(chosen)
-        rows = chosen.astype(np.intp, copy=False)
-        try:
-            return SurfacePoints.of_checked(
-                self.positions.take(rows, axis=0),  # four times as fast as positions[rows]
-                self.face_ids.take(rows),
-                self.normals.take(rows, axis=0),
-                None if self.colors is None else self.colors.take(rows, axis=0),
-            )
-        except IndexError as error:
-            raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
+        rows = as_selection(which, len(self), "points")
+        return SurfacePoints.of_checked(
+            self.positions.take(rows, axis=0),  # four times as fast as positions[rows]
+            self.face_ids.take(rows),
+            self.normals.take(rows, axis=0),
+            None if self.colors is None else self.colors.take(rows, axis=0),
+        )
 
     def normals_towards(self, eye: FloatArray) -> FloatArray:
         """Return the normals (n, 3), each turned to the side of its face on which an eye (3,) lies."""

@@ -235,14 +235,7 @@ def convert(
     """
     old, manifest = read_finished(folder)
     plan = _converted(old, format)
-    command = read_command(folder)
-    if command:  # else it was made in Python
-        command |= {"format": format, **_options_in_words(plan)}
-        if (scan := plan.config.scan) is not None:
-            if not (find_format(format).keeps_points or plan.config.complete):  # the scans alone are in it
-                command = {name: value for name, value in command.items() if name not in ("points", "density")}
-            if scan.range is None and "range_" in find_format(format).options:
-                command = {}  # no option takes the format's own range away
+    command = _command_of(plan, read_command(folder))
     about = {**manifest, "command": command, "converted_from": plan.converted_from}
     redrawn = None
     if find_format(old.format).whole_objects:  # draw and order are those of the new format
@@ -282,12 +275,20 @@ def _convert(
     return finish_folder(plan, source, out, about, names, sha256)
 
 
-def _options_in_words(plan: Plan) -> dict[str, str]:
-    """Return the options of `generate` for which a plan's format has other defaults, as they are typed."""
-    config = plan.config
+def _command_of(plan: Plan, before: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of `generate` that make a converted dataset, from those that made the dataset before.
+
+    There are none where that one was made in Python, or where no option takes a format's own range away.
+    """
+    config, row = plan.config, find_format(plan.format)
+    if not before or (config.scan is not None and config.scan.range is None and "range_" in row.options):
+        return {}
     size = "all" if config.sample_size is None else str(config.sample_size)
     found = {"views": config.views, "sample-size": size, "scale": config.scale}
-    return {name: value for name, value in found.items() if name.replace("-", "_") in find_format(plan.format).options}
+    own = {name: value for name, value in found.items() if name.replace("-", "_") in row.options}
+    # without complete clouds a format has nothing of scans but the scans
+    idle = () if config.scan is None or row.keeps_points or config.complete else ("points", "density")
+    return {name: value for name, value in before.items() if name not in idle} | {"format": plan.format, **own}
 
 
 def _converted(old: Plan, format: str) -> Plan:
